@@ -1,0 +1,1 @@
+"""The continua (special materials and liquids) beside MuJoCo, on Taichi."""

@@ -1,0 +1,1 @@
+"""Headless pictures: EGL contexts, cameras, colour, depth and segmentation, files."""
