@@ -24,7 +24,7 @@ define apt
 	packages="$(1)"; \
 	if [ "$$(id -u)" = 0 ]; then sudo=; elif sudo -n true 2>/dev/null; then sudo=sudo; else sudo=none; fi; \
 	if [ "$$sudo" = none ] || ! command -v apt-get >/dev/null \
-	|| ! { $$sudo apt-get update -qq && $$sudo apt-get install -y -qq --no-install-recommends $$packages; }; then \
+	|| ! { $$sudo apt-get update -qq && $$sudo apt-get install -y -qq --no-upgrade --no-install-recommends $$packages; }; then \
 		echo "Missing system packages. Type: sudo apt-get install -y $$packages" >&2; false; \
 	fi
 endef
@@ -63,5 +63,5 @@ $(READY): pyproject.toml
 
 # Goes on without a picture: the physics does not need one, and each command that does says so in one line.
 graphics: $(READY)
-	@$(BIN)/python -c 'from physinone_mj.doctor import graphics; raise SystemExit(not all(f.ok for f in graphics()))' \
-	|| { $(call apt,$$($(BIN)/python -c 'from physinone_mj.doctor import GRAPHICS; print(*GRAPHICS)')); } || true
+	@missing="$$($(BIN)/python -c 'from physinone_mj.doctor import missing_packages; print(*missing_packages())')"; \
+	[ -z "$$missing" ] || { $(call apt,$$missing); } || true

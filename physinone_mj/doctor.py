@@ -168,6 +168,18 @@ def graphics() -> list[Finding]:
     return [libraries(driver), context(driver, gpus), gpu(driver, gpus), *device_choice(driver)]
 
 
+def missing_packages() -> list[str]:
+    """The Debian packages that rendering lacks; none where it works, or fails for a reason no package mends."""
+    if all(finding.ok for finding in graphics()):
+        return []
+    query = ["dpkg-query", "--show", "--showformat=${Package} ${db:Status-Status}\n", *GRAPHICS]
+    try:
+        known = subprocess.run(query, capture_output=True, text=True, check=False).stdout.splitlines()
+    except FileNotFoundError:
+        known = []
+    return [name for name in GRAPHICS if f"{name} installed" not in known]
+
+
 def libraries(driver: Driver) -> Finding:
     """The shared libraries that rendering and taichi load."""
     if driver.missing:

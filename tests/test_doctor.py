@@ -79,6 +79,23 @@ def test_missing_library_is_seen(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert json.loads(capsys.readouterr().out.splitlines()[0]) == {"missing": ["libEGL_of_nobody.so.1"]}
 
 
+def test_packages_are_asked_for_only_when_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ill, well = Finding("OpenGL context", False, "", INSTALL_GRAPHICS), Finding("OpenGL context", True, "")
+    program(tmp_path, "dpkg-query", "echo 'libegl1 installed'; echo 'libgl1 config-files'; exit 1")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(doctor, "graphics", lambda: [ill])
+    assert doctor.missing_packages() == [name for name in doctor.GRAPHICS if name != "libegl1"]
+    monkeypatch.setattr(doctor, "graphics", lambda: [well])
+    assert doctor.missing_packages() == []
+
+
+def test_packages_that_are_there_are_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program(tmp_path, "dpkg-query", "\n".join(f"echo '{name} installed'" for name in doctor.GRAPHICS))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(doctor, "graphics", lambda: [Finding("OpenGL context", False, "other", "other")])
+    assert doctor.missing_packages() == []
+
+
 @pytest.mark.skipif(not MESA.exists(), reason="Mesa's EGL driver is not installed")
 def test_software_is_recognised(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", str(MESA))
