@@ -1,0 +1,168 @@
+"""What is there: templates put together by name, how they touch, what acts on them and how they start.
+
+A scene says what; a `Fidelity` says how finely; nothing here knows a time step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import Any, Protocol, TypeAlias
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .constants import STANDARD_GRAVITY
+from .contact import Surface
+
+Push: TypeAlias = Callable[[Any], None]
+"""Adds a force to `data.xfrc_applied`, as a function of the current state alone; called at every force evaluation."""
+
+IMMATERIAL = 4
+"""Geom group of what can be seen but is not matter (beams, winds, fields): never in depth or segmentation."""
+
+
+class Effect(Protocol):
+    """A force that MuJoCo lacks. Bodies are named as in the scene ("ball/ball")."""
+
+    def bind(self, model: Any) -> Push:
+        """Look the names up, once; KeyError names what is missing. The push may keep arrays, never state."""
+        ...
+
+    def potential(self, model: Any, data: Any) -> float:
+        """Potential energy [J] at the current state; 0 for a force that has none."""
+        ...
+
+
+class Medium(Protocol):
+    """A continuum with a state of its own, advanced once per rigid step (sub-stepping inside)."""
+
+    def bind(self, model: Any, fidelity: Any) -> Callable[[Any, float], None]:
+        """Return advance(data, dt), which pushes impulses back on the bodies; momentum is conserved."""
+        ...
+
+
+@dataclass(frozen=True)
+class Coil:
+    """A helical spring, drawn between the end sites of a spatial tendon: lengths in metres."""
+
+    tendon: str
+    body: str
+    turns: float
+    radius: float
+    wire: float
+    rgba: tuple[float, float, float, float] = (0.62, 0.64, 0.68, 1.0)
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What an object is made of, as the released dataset labels it: density [kg/m³] and surface."""
+
+    density: float
+    surface: Surface
+
+
+class Part:
+    """A template inside a scene; its elements by their names in the template, to be overwritten."""
+
+    def __init__(self, spec: Any, prefix: str) -> None:
+        self._spec = spec
+        self._prefix = prefix
+
+    def name(self, element: str) -> str:
+        """The element's name in the scene."""
+        return self._prefix + element
+
+    def _find(self, kind: str, element: str) -> Any:
+        found = getattr(self._spec, kind)(self.name(element))
+        if found is None:
+            raise KeyError(f"template {self._prefix.rstrip('/')!r} has no {kind} {element!r}")
+        return found
+
+    def body(self, element: str) -> Any:
+        """The MjsBody of that name; KeyError if the template has none."""
+        return self._find("body", element)
+
+    def geom(self, element: str) -> Any:
+        """The MjsGeom of that name; KeyError if the template has none."""
+        return self._find("geom", element)
+
+    def joint(self, element: str) -> Any:
+        """The MjsJoint of that name; KeyError if the template has none."""
+        return self._find("joint", element)
+
+    def site(self, element: str) -> Any:
+        """The MjsSite of that name; KeyError if the template has none."""
+        return self._find("site", element)
+
+    def tendon(self, element: str) -> Any:
+        """The MjsTendon of that name; KeyError if the template has none."""
+        return self._find("tendon", element)
+
+
+@dataclass
+class Scene:
+    """What a phenomenon builds: an MJCF specification, contacts, effects and the initial state.
+
+    gravity: downwards [m/s²]
+    fps: frames per second of the video (30; 60 for laser scenes, as in the release)
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    fps: int = 30
+    spec: Any = field(default_factory=mujoco.MjSpec)
+    effects: list[Effect] = field(default_factory=list)
+    continua: list[Medium] = field(default_factory=list)
+    coils: list[Coil] = field(default_factory=list)
+    start: dict[str, ArrayLike] = field(default_factory=dict)
+    speed: dict[str, ArrayLike] = field(default_factory=dict)
+    matter: dict[str, Matter] = field(default_factory=dict)
+    touching: list[tuple[str, str]] = field(default_factory=list)
+    time: float = math.inf
+    length: float = math.inf
+    duration: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.add("stage")
+
+    def add(self, template: str, name: str | None = None) -> Part:
+        """Put `mjcf_templates/<template>.xml` into the world; its names get the prefix `<name>/`.
+
+        The name is the template's unless given (to have it twice). FileNotFoundError if there is no such template.
+        """
+        prefix = (name or template) + "/"
+        path = resources.files("mjcf_templates") / f"{template}.xml"
+        child = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+        self.spec.attach(child, prefix=prefix, frame=self.spec.worldbody.add_frame())
+        return Part(self.spec, prefix)
+
+    def material(self, body: str, density: float, surface: Surface) -> None:
+        """Say what a body is made of; its surface rules the contacts of all its geoms."""
+        self.matter[body] = Matter(density, surface)
+
+    def touch(self, *bodies: str) -> None:
+        """Let every two of these bodies collide. Nothing else does: a contact nobody declared does not exist."""
+        self.touching += [(a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :]]
+
+    def coil(self, coil: Coil) -> None:
+        """Draw a tendon as a helical spring."""
+        self.coils.append(coil)
+
+    def resolve(self, *, time: float, length: float, duration: float) -> None:
+        """State the shortest time [s] and length [m] that matter and how long to watch [s].
+
+        Called again (composed scenes), the shortest and the longest win.
+        """
+        for name, value in (("time", time), ("length", length), ("duration", duration)):
+            if not 0 < value < math.inf:
+                raise ValueError(f"Scene.resolve: {name} = {value}; allowed: positive and finite")
+        self.time, self.length = min(self.time, time), min(self.length, length)
+        self.duration = max(self.duration, duration)
+
+
+def free_pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    """`Scene.start` of a free joint: position [m] and orientation (w first) as one (7,) array."""
+    return np.concatenate([np.asarray(position, float), np.asarray(quaternion, float)])

@@ -1,0 +1,318 @@
+"""Scene + Fidelity -> Run: the only place with a time step, an integrator, a flag.
+
+Without contact a scene is advanced by the classical fourth-order Runge-Kutta method, effects evaluated at every stage.
+
+With contact, a step is made of pieces. Between events a body in flight moves by Runge-Kutta; what touches moves by the
+leapfrog "drift, kick, drift" with the contact problem of `contact` solved at mid-step: x += h v/2; v' = v + h a;
+x += h v'/2, second order, exact under constant forces, no half-step offset. An impact is an event: the piece ends where
+the surfaces meet (found by Newton's method on the gap, to a nanometre), velocities jump by Newton's law of restitution,
+and the rest of the step goes on. So restitution, impact times and normals do not depend on the step, and nothing
+tunnels however fast.
+
+Impacts too gentle to lift off for a whole step (e |v| < g h) are taken as inelastic: Zeno's bounces end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import contact
+from .base import Phenomenon, Refusal
+from .constants import STANDARD_GRAVITY
+from .contact import Surface
+from .fidelity import STANDARD, Fidelity
+from .registry import phenomenon
+from .run import Impact, Run
+from .scene import IMMATERIAL, Scene
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+OVERSAMPLING: Final = 8
+"""Recorded samples per video frame, at least."""
+
+_MAX_EVENTS: Final = 1000
+_MAX_STEPS: Final = 20_000_000
+_MAX_MASS_RATIO: Final = 1e4
+_DISABLE = mujoco.mjtDisableBit
+
+
+class UnstableScene(RuntimeError):
+    """A run that broke: phenomenon, parameters, time [s] and the quantity that went wrong. Never data."""
+
+    def __init__(self, specimen: Phenomenon, time: float, quantity: str) -> None:
+        super().__init__(f"{specimen.label}({json.dumps(specimen.values())[1:-1]}) broke at t = {time:.6g} s: {quantity}")
+        self.specimen, self.time, self.quantity = specimen, time, quantity
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A scene ready to be stepped. steps: time steps per recorded sample; stride: samples per video frame."""
+
+    specimen: Phenomenon
+    scene: Scene
+    fidelity: Fidelity
+    model: Any
+    pairs: tuple[Surface, ...]
+    step: float
+    steps: int
+    stride: int
+    samples: int
+
+
+def build(specimen: Phenomenon) -> Scene:
+    """The specimen's scene; Refusal if its parameters do not go together."""
+    scene = Scene()
+    specimen.build(scene)
+    if not math.isfinite(scene.time):
+        raise ValueError(f"{specimen.label}.build did not call scene.resolve")
+    return scene
+
+
+def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
+    """Derive from what is in the scene what it needs: steps, contacts, flags; refuse what cannot be resolved."""
+    spec = scene.spec
+    surfaces = _contact_pairs(scene)
+    spec.option.gravity = (0.0, 0.0, -scene.gravity)
+    model = spec.compile()
+    frames = max(2, round(scene.duration * scene.fps))
+    stride = max(OVERSAMPLING, math.ceil(8 / (scene.time * scene.fps)))
+    sample = 1 / (scene.fps * stride)
+    steps = max(1, math.ceil(sample * fidelity.steps / scene.time))
+    if frames * stride * steps > _MAX_STEPS:
+        raise Refusal("R10", f"{frames * stride * steps} steps; allowed: {_MAX_STEPS}; shortest time {scene.time:g} s, "
+                      f"duration {scene.duration:g} s")  # fmt: skip
+    model.opt.timestep = sample / steps
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.disableflags |= _DISABLE.mjDSBL_AUTORESET
+    if surfaces:
+        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        model.opt.tolerance = 1e-15
+        model.opt.disableflags |= _DISABLE.mjDSBL_ISLAND
+        model.pair_solimp[:] = contact.IMPEDANCE
+    else:
+        model.opt.disableflags |= _DISABLE.mjDSBL_CONTACT
+        if not (model.neq or model.jnt_limited.any() or model.tendon_limited.any() or model.dof_frictionloss.any()):
+            model.opt.disableflags |= _DISABLE.mjDSBL_CONSTRAINT
+    _refuse(specimen, model, scene)
+    return Compiled(specimen, scene, fidelity, model, surfaces, sample / steps, steps, stride, frames * stride)
+
+
+def _geoms(scene: Scene, name: str) -> list[Any]:
+    body = scene.spec.body(name)
+    if body is not None:
+        return [g for g in body.geoms if g.group < IMMATERIAL]
+    geom = scene.spec.geom(name)
+    if geom is None:
+        raise KeyError(f"no body or geom {name!r} in the scene")
+    return [geom]
+
+
+def _contact_pairs(scene: Scene) -> tuple[Surface, ...]:
+    surfaces = []
+    for first, second in dict.fromkeys(scene.touching):
+        surface = scene.matter[first].surface.against(scene.matter[second].surface)
+        for a in _geoms(scene, first):
+            for b in _geoms(scene, second):
+                pair = scene.spec.add_pair(geomname1=a.name, geomname2=b.name)
+                pair.condim = 3 if surface.static_friction > 0 else 1
+                friction = max(surface.static_friction, mujoco.mjMINMU)
+                pair.friction = [friction, friction, 0, 0, 0]
+                surfaces.append(surface)
+    return tuple(surfaces)
+
+
+def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
+    for name in ("body_mass", "body_inertia", "geom_size", "body_pos", "jnt_stiffness", "dof_damping"):
+        if not np.isfinite(getattr(model, name)).all():
+            raise Refusal("R11", f"{specimen.label}: the compiled model's {name} is not finite")
+    free = np.array([m for i, m in enumerate(model.body_mass) if m > 0 and model.body_weldid[i] != 0])
+    if model.npair and len(free) > 1 and free.max() / free.min() > _MAX_MASS_RATIO:
+        raise Refusal("R3", f"{specimen.label}: mass ratio {free.max() / free.min():.3g} between bodies that may touch; "
+                      f"allowed: {_MAX_MASS_RATIO:g}")  # fmt: skip
+    data = mujoco.MjData(model)
+    _start(model, data, scene)
+    mujoco.mj_fwdPosition(model, data)
+    for i in range(data.ncon):
+        found = data.contact[i]
+        size = min(r for g in found.geom if (r := model.geom_rbound[g]) > 0)
+        if found.dist < -1e-4 * size:
+            names = " and ".join(model.geom(g).name for g in found.geom)
+            raise Refusal("R1", f"{specimen.label}: {names} overlap by {-found.dist:.3g} m at the start; "
+                          f"allowed: {1e-4 * size:.1g} m")  # fmt: skip
+
+
+def _start(model: Any, data: Any, scene: Scene) -> None:
+    for name, value in scene.start.items():
+        address, width = model.joint(name).qposadr[0], len(model.joint(name).qpos0)
+        data.qpos[address : address + width] = value
+    for name, value in scene.speed.items():
+        address, width = model.joint(name).dofadr[0], {7: 6, 4: 3, 1: 1}[len(model.joint(name).qpos0)]
+        data.qvel[address : address + width] = value
+
+
+class Stepper:
+    """Advances one compiled scene by one recorded sample at a time. Use as a context: the force callback is global."""
+
+    def __init__(self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        self.compiled, self.model = compiled, compiled.model
+        self.data = mujoco.MjData(self.model)
+        self.impacts: list[Impact] = []
+        _start(self.model, self.data, compiled.scene)
+        for j in range(self.model.njnt):
+            if self.model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+                address = self.model.jnt_dofadr[j]
+                self.data.qvel[address : address + 3] += boost
+        self._pushes = [effect.bind(self.model) for effect in compiled.scene.effects]
+        self._contacts = contact.Solver(self.model, compiled.pairs) if compiled.pairs else None
+        self._sample = 0
+        _forward(self.model, self.data)
+
+    def __enter__(self) -> Stepper:
+        if self._pushes:
+            mujoco.set_mjcb_passive(self._push)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        mujoco.set_mjcb_passive(None)
+
+    def _push(self, _model: Any, data: Any) -> None:
+        data.xfrc_applied[:] = 0.0
+        for push in self._pushes:
+            push(data)
+
+    def advance(self) -> None:
+        """One sample further; the state is left exactly at its time. UnstableScene if anything broke on the way."""
+        compiled, data = self.compiled, self.data
+        before = data.time
+        self._sample += 1
+        if self._contacts is None:
+            mujoco.mj_step(self.model, data, nstep=compiled.steps)
+        else:
+            try:
+                for _ in range(compiled.steps):
+                    self._step()
+            except contact.NotSettled as why:
+                raise UnstableScene(compiled.specimen, data.time, str(why)) from None
+        if not data.time > before:
+            raise UnstableScene(compiled.specimen, before, f"time went from {before} to {data.time}")
+        # counted, not summed: the clock of sample n is the same double whatever the steps were
+        data.time = self._sample * compiled.steps * compiled.step
+
+    def inspect(self) -> None:
+        """UnstableScene if the state is not finite or MuJoCo warned."""
+        data = self.data
+        for name in ("qpos", "qvel"):
+            if not np.isfinite(getattr(data, name)).all():
+                raise UnstableScene(self.compiled.specimen, data.time, f"{name} is not finite")
+        if data.warning.number.any():
+            kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(data.warning.number)[0]]
+            raise UnstableScene(self.compiled.specimen, data.time, f"MuJoCo warned: {', '.join(kinds)}")
+
+    def _step(self) -> None:
+        solver, model, data = self._contacts, self.model, self.data
+        assert solver is not None
+        solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
+        left = self.compiled.step
+        _forward(model, data)
+        for _ in range(_MAX_EVENTS):
+            soonest, gap, engaged = solver.look(data, left)
+            if gap <= contact.TOUCH:
+                self.impacts += solver.impact(data)
+                mujoco.mj_fwdVelocity(model, data)
+                continue
+            piece = min(left, soonest)
+            state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
+            while True:
+                (solver.slide if engaged else self._fly)(data, piece)
+                _forward(model, data)
+                back, gap, _ = solver.look(data, left)
+                if gap >= -contact.TOUCH or piece + back <= 0:
+                    break
+                # the surfaces met within the piece: it shall end where they do
+                piece += back
+                data.qpos[:], data.qvel[:], data.qacc_warmstart[:], data.time = state
+            left -= piece
+            if left <= 1e-12 * self.compiled.step:
+                return
+        raise UnstableScene(self.compiled.specimen, data.time, f"{_MAX_EVENTS} impacts within one step")
+
+    def _fly(self, data: Any, dt: float) -> None:
+        option = self.model.opt
+        flags, option.timestep = option.disableflags, dt
+        option.disableflags = flags | _DISABLE.mjDSBL_CONTACT
+        mujoco.mj_step(self.model, data)
+        option.disableflags = flags
+
+
+def _forward(model: Any, data: Any) -> None:
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+
+
+def simulate(
+    which: int | str | type[Phenomenon],
+    *,
+    fidelity: Fidelity = STANDARD,
+    seed: int = 0,
+    progress: Progress | None = None,
+    **parameters: Any,
+) -> Run:
+    """Simulate a phenomenon, by index, label or class, with some of its parameters set.
+
+    progress: called now and then with the fraction done.
+    Raises LookupError (unknown index or label), ParameterError, Refusal (before the first step) and UnstableScene.
+    """
+    cls = which if isinstance(which, type) else phenomenon(which)
+    return simulate_specimen(cls.make(**parameters), fidelity=fidelity, seed=seed, progress=progress)
+
+
+def simulate_specimen(
+    specimen: Phenomenon,
+    *,
+    fidelity: Fidelity = STANDARD,
+    seed: int = 0,
+    progress: Progress | None = None,
+    gravity: float | None = None,
+    boost: ArrayLike = (0.0, 0.0, 0.0),
+) -> Run:
+    """Simulate one specimen; `gravity` [m/s²] and `boost` (3,) [m/s] change the scene for symmetry checks."""
+    scene = build(specimen)
+    if gravity is not None:
+        scene.gravity = gravity
+    compiled = compile(specimen, scene, fidelity)
+    model, count = compiled.model, compiled.samples
+    qpos, qvel, t = np.empty((count, model.nq)), np.empty((count, model.nv)), np.empty(count)
+    begun = clock.process_time()
+    with Stepper(compiled, boost) as stepper:
+        data = stepper.data
+        for i in range(count):
+            if i:
+                stepper.advance()
+            t[i], qpos[i], qvel[i] = data.time, data.qpos, data.qvel
+            if i % compiled.stride == 0 or i == count - 1:
+                stepper.inspect()
+                if progress:
+                    progress((i + 1) / count)
+    return Run(
+        specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
+        stride=compiled.stride, impacts=tuple(stepper.impacts), step=compiled.step,
+        seconds=clock.process_time() - begun, again_with=_repeater(specimen, fidelity, seed),
+    )  # fmt: skip
+
+
+def _repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int) -> Callable[..., Run]:
+    def again(gravity: float | None = None, boost: ArrayLike = (0.0, 0.0, 0.0), **changes: Any) -> Run:
+        other = type(specimen).make(**(specimen.values() | changes))
+        return simulate_specimen(other, fidelity=fidelity, seed=seed, gravity=gravity, boost=boost)
+
+    return again

@@ -1,0 +1,55 @@
+"""Runs shared by the tests, and runs tampered with."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from physinone_mj.fidelity import Fidelity
+from physinone_mj.registry import phenomenon
+from physinone_mj.run import Run
+from physinone_mj.simulate import simulate
+
+
+@functools.cache
+def nominal(index: int, fidelity: Fidelity) -> Run:
+    """The nominal specimen's run, simulated once per process."""
+    return simulate(phenomenon(index), fidelity=fidelity)
+
+
+def tampered(run: Run, *, clock: float = 1.0, growth: float = 1.0, twins: bool = False) -> Run:
+    """The run with a clock that is off by a factor, or a motion that grows, in the end, by a factor.
+
+    Both stay consistent motions: velocities are the derivatives of the tampered positions. With `twins`, the runs
+    that a law asks for beside this one are tampered with alike.
+    """
+    model, span = run.model, run.t[-1]
+    t = run.t * clock
+    qpos, qvel = run.qpos.copy(), run.qvel / clock
+    if growth != 1.0:
+        moved = np.empty(model.nv)
+        for i, when in enumerate(run.t):
+            mujoco.mj_differentiatePos(model, moved, 1.0, run.qpos[0], run.qpos[i])
+            factor, rate = 1 + (growth - 1) * when / span, (growth - 1) / span
+            q = run.qpos[0].copy()
+            mujoco.mj_integratePos(model, q, moved * factor, 1.0)
+            qpos[i] = q
+            qvel[i] = run.qvel[i] * factor + moved * rate
+    impacts = tuple(dataclasses.replace(i, time=i.time * clock, approach=i.approach / clock) for i in run.impacts)
+
+    def again(**changes: Any) -> Run:
+        twin = run.again(**changes)
+        return tampered(twin, clock=clock, growth=growth, twins=True) if twins else twin
+
+    return dataclasses.replace(run, t=t, qpos=qpos, qvel=qvel, impacts=impacts, again_with=again, _repeats={})
+
+
+@pytest.fixture(scope="session")
+def tamper() -> Callable[..., Run]:
+    return tampered
