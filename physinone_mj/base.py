@@ -27,7 +27,7 @@ Measurement: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 
 class ParameterError(ValueError):
-    """A parameter that does not exist, is not finite, or lies outside its range: one line says which and what may be."""
+    """A parameter unknown, not finite or out of range: one line says which, its value and what is allowed."""
 
 
 class Refusal(ValueError):
@@ -56,8 +56,8 @@ class Param:
 
     def check(self, value: Any, kind: type) -> str | None:
         """What is wrong with the value, or None."""
-        allowed = f"allowed: {self.low:g} to {self.high:g} {self.unit}".replace(" 1", "") if self.unit == "1" else (
-            f"allowed: {self.low:g} to {self.high:g} {self.unit}")
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        allowed = f"allowed: {self.low:g} to {self.high:g}{unit}"
         if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
             return f"is not a number; {allowed}"
         if kind is int and value != int(value):

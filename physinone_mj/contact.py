@@ -2,10 +2,11 @@
 
 MuJoCo solves a convex problem, which differs from rigid bodies with Coulomb friction in two ways: its contacts are
 slightly soft (the regularisation R), and a slipping contact is pushed apart by μ × slip (the dual of the friction cone
-is wider than the half space). Both are cured here by moving the rows' reference and solving again, until nothing moves:
+is wider than the half space). Both are cured here by moving the rows' reference and solving again until it stays:
 
-    reference = target + R f - μ |c_t| n̂            c: what the last solution missed its target by, c_t its tangential part
+    reference = target + R f - μ |c_t| n̂
 
+f: row forces; c: how far the last solution missed its target, c_t its tangential part; n̂: the contact's normal row.
 At the fixed point c_n ≥ 0, f_n ≥ 0, c_n f_n = 0, |f_t| ≤ μ f_n, f_t = -μ f_n c_t/|c_t|: Signorini's condition and
 Coulomb's law. The term μ|c_t| is De Saxcé's (G. De Saxcé & Z.-Q. Feng, Math. Comput. Modelling 28 (1998) 225, eq. 12),
 the fixed point on it that of V. Acary & F. Cadoux (2013); R f is one step of the proximal point method.
@@ -93,7 +94,7 @@ class NotSettled(ArithmeticError):
     """The fixed point on Coulomb's law did not converge."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _reach(
     body_of: NDArray[np.int32], root_of: NDArray[np.int32], radius: Array, where: Array, cvel: Array, com: Array
 ) -> float:
@@ -108,7 +109,7 @@ def _reach(
     return 2.0 * fastest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _look(
     dist: Array,
     pos: Array,
@@ -147,7 +148,7 @@ def _look(
     return soonest, gap, engaged
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _aim(
     dist: Array,
     geom: NDArray[np.int32],
@@ -191,7 +192,7 @@ def _aim(
             mu[i] = friction[i, 0] = friction[i, 1] = static[pair] if slip < CREEP**2 else kinetic[pair]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _shift(
     address: NDArray[np.int32],
     dim: NDArray[np.int32],
@@ -250,7 +251,7 @@ class Solver:
         """(time to the soonest impact [s], its gap [m], whether anything touches or comes to rest within dt)."""
         c, m = data.contact, self._model
         self._speed = np.empty(data.ncon)
-        return _look(  # type: ignore[no-any-return]
+        return _look(
             c.dist, c.pos, c.frame, c.geom, m.geom_bodyid, m.body_rootid, data.cvel, data.subtree_com,
             self._cut, dt, self._speed,
         )  # fmt: skip

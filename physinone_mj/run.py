@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from .base import Phenomenon, Verdict
+    from .base import Verdict
     from .fidelity import Fidelity
     from .scene import Scene
 
@@ -55,7 +55,7 @@ class Run:
     stride: recorded samples per video frame
     """
 
-    specimen: Phenomenon
+    specimen: Any  # a Phenomenon; its laws read the parameters of their own class
     fidelity: Fidelity
     seed: int
     scene: Scene
@@ -200,9 +200,9 @@ def replay(model: Any, scene: Scene, t: Array, qpos: Array, qvel: Array) -> Moti
     data = mujoco.MjData(model)
     count, nbody = len(t), model.nbody
     out = Motion(
-        position=np.empty((count, nbody, 3)), origin=np.empty((count, nbody, 3)), quaternion=np.empty((count, nbody, 4)),
-        velocity=np.empty((count, nbody, 3)), spin=np.empty((count, nbody, 3)), kinetic=np.empty(count),
-        potential=np.empty(count), sensors=np.empty((count, model.nsensordata)),
+        position=np.empty((count, nbody, 3)), origin=np.empty((count, nbody, 3)),
+        quaternion=np.empty((count, nbody, 4)), velocity=np.empty((count, nbody, 3)), spin=np.empty((count, nbody, 3)),
+        kinetic=np.empty(count), potential=np.empty(count), sensors=np.empty((count, model.nsensordata)),
     )  # fmt: skip
     pushes = [effect.bind(model) for effect in scene.effects] if model.nsensordata else []
     root = model.body_rootid

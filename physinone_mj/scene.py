@@ -127,6 +127,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         self.add("stage")
+        self.spec.visual = _template("stage").visual  # attaching leaves a template's visual settings behind
 
     def add(self, template: str, name: str | None = None) -> Part:
         """Put `mjcf_templates/<template>.xml` into the world; its names get the prefix `<name>/`.
@@ -134,9 +135,7 @@ class Scene:
         The name is the template's unless given (to have it twice). FileNotFoundError if there is no such template.
         """
         prefix = (name or template) + "/"
-        path = resources.files("mjcf_templates") / f"{template}.xml"
-        child = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
-        self.spec.attach(child, prefix=prefix, frame=self.spec.worldbody.add_frame())
+        self.spec.attach(_template(template), prefix=prefix, frame=self.spec.worldbody.add_frame())
         return Part(self.spec, prefix)
 
     def material(self, body: str, density: float, surface: Surface) -> None:
@@ -161,6 +160,11 @@ class Scene:
                 raise ValueError(f"Scene.resolve: {name} = {value}; allowed: positive and finite")
         self.time, self.length = min(self.time, time), min(self.length, length)
         self.duration = max(self.duration, duration)
+
+
+def _template(name: str) -> Any:
+    path = resources.files("mjcf_templates") / f"{name}.xml"
+    return mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
 
 
 def free_pose(position: ArrayLike, quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import contact
-from .base import Phenomenon, Refusal
+from .base import Phenomenon, Refusal, Verdict
 from .constants import STANDARD_GRAVITY
 from .contact import Surface
 from .fidelity import STANDARD, Fidelity
@@ -50,7 +50,8 @@ class UnstableScene(RuntimeError):
     """A run that broke: phenomenon, parameters, time [s] and the quantity that went wrong. Never data."""
 
     def __init__(self, specimen: Phenomenon, time: float, quantity: str) -> None:
-        super().__init__(f"{specimen.label}({json.dumps(specimen.values())[1:-1]}) broke at t = {time:.6g} s: {quantity}")
+        given = json.dumps(specimen.values())[1:-1]
+        super().__init__(f"{specimen.label}({given}) broke at t = {time:.6g} s: {quantity}")
         self.specimen, self.time, self.quantity = specimen, time, quantity
 
 
@@ -137,8 +138,8 @@ def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
             raise Refusal("R11", f"{specimen.label}: the compiled model's {name} is not finite")
     free = np.array([m for i, m in enumerate(model.body_mass) if m > 0 and model.body_weldid[i] != 0])
     if model.npair and len(free) > 1 and free.max() / free.min() > _MAX_MASS_RATIO:
-        raise Refusal("R3", f"{specimen.label}: mass ratio {free.max() / free.min():.3g} between bodies that may touch; "
-                      f"allowed: {_MAX_MASS_RATIO:g}")  # fmt: skip
+        ratio = free.max() / free.min()
+        raise Refusal("R3", f"{specimen.label}: mass ratio {ratio:.3g} of moving bodies; allowed: {_MAX_MASS_RATIO:g}")
     data = mujoco.MjData(model)
     _start(model, data, scene)
     mujoco.mj_fwdPosition(model, data)
@@ -274,6 +275,11 @@ def simulate(
     """
     cls = which if isinstance(which, type) else phenomenon(which)
     return simulate_specimen(cls.make(**parameters), fidelity=fidelity, seed=seed, progress=progress)
+
+
+def check(which: int | str | type[Phenomenon], *, fidelity: Fidelity = STANDARD, **parameters: Any) -> list[Verdict]:
+    """Simulate a phenomenon and hold every one of its laws against the run; raises what `simulate` raises."""
+    return simulate(which, fidelity=fidelity, **parameters).check()
 
 
 def simulate_specimen(
