@@ -29,7 +29,7 @@ from render.rig import FOV, Sphere
 
 HIDDEN, IMMATERIAL = 3, 4
 LAST_ID = 254
-NEAR, FAR = 0.02, 100.0
+NEAR, FAR = 0.02, 60.0
 """Clipping planes in radii of the event sphere; the reversed 32-bit depth buffer resolves 1e-6 of the distance."""
 
 SHADOW_REACH = 2.5
@@ -39,6 +39,12 @@ FACETS = 150_000
 """Triangles that all round primitives together may take; decides how finely each is tessellated."""
 
 SEGMENTS_PER_TURN = 14
+
+AMBIENT, FRONTAL = (0.42, 0.42, 0.43), (0.16, 0.16, 0.16)
+"""Light from everywhere and from the camera. With the haze, they repeat the `visual` element of stage.xml, which a
+template loses when it is attached to a scene."""
+
+HAZE, HAZE_COLOUR = 0.5, (0.86, 0.89, 0.92, 1.0)
 
 ROUND = [
     mujoco.mjtGeom.mjGEOM_SPHERE.value,
@@ -237,7 +243,10 @@ class Raster:
         model, radius = self._model, self.sphere.radius
         model.stat.center, model.stat.extent = self.sphere.centre, radius
         model.vis.map.znear, model.vis.map.zfar = NEAR, FAR
-        model.vis.map.shadowclip = SHADOW_REACH
+        model.vis.map.shadowclip, model.vis.map.haze = SHADOW_REACH, HAZE
+        model.vis.rgba.haze = HAZE_COLOUR
+        head = model.vis.headlight
+        head.ambient, head.diffuse, head.specular = AMBIENT, FRONTAL, (0.0, 0.0, 0.0)
         model.vis.global_.offwidth, model.vis.global_.offheight = self.size
         round_geoms = int(np.isin(model.geom_type, ROUND).sum()) + segments
         slices = int(np.clip(math.sqrt(FACETS / max(round_geoms, 1)), 12, 64))

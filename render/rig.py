@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import BSpline, CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -179,16 +179,20 @@ Path = Callable[[np.random.Generator, Array, tuple[float, float]], Array]
 
 
 def linear_drift(rng: np.random.Generator, progress: Array, latitude: tuple[float, float]) -> Array:
-    """Half a turn at even pace while the latitude wanders: 10 to 20 samples, monotone cubic in between."""
+    """Half a turn at even pace while the latitude wanders: 10 to 20 samples, the control points of a cubic B-spline.
+
+    Such a spline stays within the range of its control points and bends without a kink.
+    """
     low, high = latitude
     count = int(rng.integers(10, 21))
     way = rng.choice([-1.0, 1.0]) * math.pi
     heights = [rng.uniform(low, high)]
     while len(heights) < count:
-        step = rng.normal(0, (high - low) / 6)
+        step = rng.uniform(-1, 1) * (high - low) / 4
         inside = low <= heights[-1] + step <= high
-        heights.append(heights[-1] + step if inside else float(np.clip(heights[-1] - step, low, high)))
-    wander = PchipInterpolator(np.linspace(0, 1, count), heights)(progress)
+        heights.append(heights[-1] + step if inside else heights[-1] - step)
+    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, count - 2), np.ones(3)])
+    wander = BSpline(knots, np.array(heights), 3)(progress)
     return np.stack([rng.uniform(0, 2 * math.pi) + way * progress, wander, np.ones_like(progress)], axis=1)
 
 
