@@ -164,9 +164,9 @@ def _start(model: Any, data: Any, scene: Scene) -> None:
 class Stepper:
     """Advances one compiled scene by one recorded sample at a time. Use as a context: the force callback is global."""
 
-    def __init__(self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0), data: Any = None) -> None:
         self.compiled, self.model = compiled, compiled.model
-        self.data = mujoco.MjData(self.model)
+        self.data = mujoco.MjData(self.model) if data is None else data
         self.impacts: list[Impact] = []
         _start(self.model, self.data, compiled.scene)
         for j in range(self.model.njnt):
