@@ -312,11 +312,13 @@ def simulate_specimen(
     return Run(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
         stride=compiled.stride, impacts=tuple(stepper.impacts), step=compiled.step,
-        seconds=clock.process_time() - begun, again_with=_repeater(specimen, fidelity, seed),
+        seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed),
     )  # fmt: skip
 
 
-def _repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int) -> Callable[..., Run]:
+def repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int) -> Callable[..., Run]:
+    """What `Run.again` calls: the same specimen with parameters, gravity or a boost changed."""
+
     def again(gravity: float | None = None, boost: ArrayLike = (0.0, 0.0, 0.0), **changes: Any) -> Run:
         other = type(specimen).make(**(specimen.values() | changes))
         return simulate_specimen(other, fidelity=fidelity, seed=seed, gravity=gravity, boost=boost)

@@ -1,0 +1,253 @@
+"""Run -> what a scene folder says of it: objects and their properties, motion, caption, camera files, dense flow.
+
+Files follow the released PhysInOne dataset, so that readers of it read ours; where the release's key names are not
+public (rotation and scale of the motion file, the property file), ours are stated here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from .run import Run, quaternion_matrix
+from .scene import IMMATERIAL, Matter
+
+Array = NDArray[np.float64]
+
+HIDDEN = 3
+"""Geom group that is never drawn (stand-ins for collision)."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A foreground object: its segmentation id (from 1), the body it is, and what it is made of."""
+
+    id: int
+    body: str
+    matter: Matter
+
+
+def things(run: Run) -> list[Thing]:
+    """Every body with visible matter, in the order of the model: ids are the same in all views, frames and seeds.
+
+    KeyError if a body was built without saying what it is made of.
+    """
+    model, found = run.model, []
+    coiled = {coil.body for coil in run.scene.coils}
+    for body in range(1, model.nbody):
+        name = model.body(body).name
+        groups = model.geom_group[model.geom_bodyid == body]
+        if (np.isin(groups, [HIDDEN, IMMATERIAL], invert=True)).any() or name in coiled:
+            if name not in run.scene.matter:
+                raise KeyError(f"{run.specimen.label}.build says nothing of what body {name!r} is made of")
+            found.append(Thing(len(found) + 1, name, run.scene.matter[name]))
+    return found
+
+
+def geom_ids(run: Run) -> NDArray[np.int32]:
+    """Segmentation id of every geom, (ngeom,); 0 is background."""
+    ids = {run.model.body(t.body).id: t.id for t in things(run)}
+    return np.array([ids.get(int(body), 0) for body in run.model.geom_bodyid], np.int32)
+
+
+def properties(run: Run) -> dict[str, dict[str, float | str]]:
+    """Segmentation id -> dynamic and static friction, density [kg/m³], restitution (the release's four, by object)."""
+    return {
+        str(t.id): {
+            "name": t.body,
+            "dynamic_friction": t.matter.surface.friction,
+            "static_friction": t.matter.surface.static_friction,
+            "density": t.matter.density,
+            "restitution": t.matter.surface.restitution,
+        }
+        for t in things(run)
+    }
+
+
+def motion(run: Run, fps: int) -> dict[str, Any]:
+    """The release's motion file: every object's local origin, per video frame.
+
+    Locations are centimetres in the world of the camera files (z up, right-handed, no axis flipped). The release's key
+    names for rotation and scale are not public; ours: `rotation` (roll, pitch, yaw about x, y, z in degrees, applied in
+    that order), `quaternion` (w first), `scale` (1).
+    """
+    frames = range(0, len(run), run.stride)
+    actors = {}
+    for t in things(run):
+        body = run.model.body(t.body).id
+        origin, quaternion = run.motion.origin[:, body], run.motion.quaternion[:, body]
+        turns = np.degrees(_roll_pitch_yaw(quaternion[:: run.stride]))
+        actors[t.body] = {
+            "segmentation_id": t.id,
+            "transform_data": [
+                {
+                    "frame": i,
+                    "transform": {
+                        "location": dict(zip("xyz", (100 * origin[k]).tolist(), strict=True)),
+                        "rotation": dict(zip(("roll", "pitch", "yaw"), turns[i].tolist(), strict=True)),
+                        "quaternion": dict(zip("wxyz", quaternion[k].tolist(), strict=True)),
+                        "scale": {"x": 1.0, "y": 1.0, "z": 1.0},
+                    },
+                }
+                for i, k in enumerate(frames)
+            ],
+        }
+    count = len(frames)
+    info = {"total_frames": count, "start_frame": 0, "end_frame": count - 1, "frame_rate": float(fps)}
+    return {"sequence_info": info, "actors": actors}
+
+
+def _roll_pitch_yaw(quaternion: Array) -> Array:
+    r = quaternion_matrix(quaternion)
+    pitch = -np.arcsin(np.clip(r[:, 2, 0], -1, 1))
+    return np.column_stack([np.arctan2(r[:, 2, 1], r[:, 2, 2]), pitch, np.arctan2(r[:, 1, 0], r[:, 0, 0])])
+
+
+def camera_file(
+    view: str, poses: Array, *, fov: float, size: int, fps: int, trajectory: str, number: int
+) -> dict[str, Any]:
+    """`blender_<view>.json`: camera-to-world matrices (OpenGL axes) and the time of each of the frames.
+
+    poses: (N, 4, 4); number: the `view` id that the split files need.
+    """
+    count = len(poses)
+    return {
+        "camera_angle_x": fov,
+        "img_h": size,
+        "img_w": size,
+        "trajectory_name": trajectory,
+        "total_frames": count,
+        "fps": fps,
+        "frames": [
+            {
+                "frame": i,
+                "transform_matrix": pose.tolist(),
+                "file_path": f"{view}/rgb/{i:04d}",
+                "time": i / max(count - 1, 1),
+                "time_abs": i / fps,
+                "view": number,
+            }
+            for i, pose in enumerate(poses)
+        ],
+    }
+
+
+def split_files(cameras: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """`transforms_{train,val,test}.json` of the future-prediction task, from the static cameras' files.
+
+    Two novel views (a sixth of them, at least one, if there are fewer than twelve): the cameras whose nearest remaining
+    neighbour is closest, taken one after the other. Train: seen views, first half; val: novel views, first half; test:
+    all views, second half.
+    """
+    places = {i: np.array(c["frames"][0]["transform_matrix"])[:3, 3] for i, c in enumerate(cameras)}
+    novel: list[int] = []
+    while len(places) > 2 and len(novel) < max(1, min(2, len(cameras) // 6)):
+        nearest = {
+            i: min(np.linalg.norm(place - other) for j, other in places.items() if j != i)
+            for i, place in places.items()
+        }
+        chosen = min(nearest, key=lambda i: (nearest[i], i))
+        novel.append(chosen)
+        del places[chosen]
+    frames = [(i in novel, frame) for i, camera in enumerate(cameras) for frame in camera["frames"]]
+    parts = {
+        "train": [f for unseen, f in frames if not unseen and f["time"] <= 0.5],
+        "val": [f for unseen, f in frames if unseen and f["time"] <= 0.5],
+        "test": [f for _, f in frames if f["time"] > 0.5],
+    }
+    return {name: {**cameras[0], "frames": part} for name, part in parts.items()}
+
+
+def frustums(cameras: Sequence[tuple[Array, bool]], fov: float, length: float) -> str:
+    """`cameras.ply`: nine coloured points per camera pose, ASCII.
+
+    cameras: ((4, 4) pose, whether it is a sample of the moving camera). Points: the centre, the four corners of the
+    picture, its middle, and the tips of the x axis, the y axis and the viewing direction; `length` [m] is theirs.
+    """
+    rows = []
+    half = np.tan(fov / 2)
+    local = np.array(
+        [
+            [0, 0, 0], [-half, -half, -1], [half, -half, -1], [half, half, -1], [-half, half, -1], [0, 0, -1],
+            [1, 0, 0], [0, 1, 0], [0, 0, -1],
+        ]
+    )  # fmt: skip
+    for i, (pose, moving) in enumerate(cameras):
+        colour = "255 0 0" if moving else f"0 {(60 + 37 * i) % 196 + 60} 255"
+        for point in length * local @ pose[:3, :3].T + pose[:3, 3]:
+            rows.append("{:.6f} {:.6f} {:.6f} {}".format(*point, colour))
+    header = ["ply", "format ascii 1.0", f"element vertex {len(rows)}"]
+    header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
+    return "\n".join([*header, "end_header", *rows, ""])
+
+
+def mesh(run: Run, thing: Thing) -> trimesh.Trimesh:
+    """The object's visible geometry as one triangle mesh, in the axes of its body [m]."""
+    model = run.model
+    body = model.body(thing.body).id
+    parts = []
+    for g in np.flatnonzero(model.geom_bodyid == body):
+        if model.geom_group[g] in (HIDDEN, IMMATERIAL):
+            continue
+        part = _geom_mesh(model, int(g))
+        pose = np.eye(4)
+        pose[:3, :3] = quaternion_matrix(model.geom_quat[g][None])[0]
+        pose[:3, 3] = model.geom_pos[g]
+        parts.append(part.apply_transform(pose))
+    return trimesh.util.concatenate(parts) if parts else trimesh.Trimesh()
+
+
+def _geom_mesh(model: Any, g: int) -> trimesh.Trimesh:
+    kind, size = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
+    make = trimesh.creation
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return make.icosphere(subdivisions=4, radius=size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return make.box(extents=2 * size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return make.cylinder(radius=size[0], height=2 * size[1], sections=96)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return make.capsule(radius=size[0], height=2 * size[1], count=(32, 32))
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return make.icosphere(subdivisions=4, radius=1.0).apply_transform(np.diag([*size, 1.0]))
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        m = model.mesh(model.geom_dataid[g])
+        vertices = model.mesh_vert[m.vertadr[0] : m.vertadr[0] + m.vertnum[0]]
+        faces = model.mesh_face[m.faceadr[0] : m.faceadr[0] + m.facenum[0]]
+        return trimesh.Trimesh(vertices, faces, process=False)
+    raise ValueError(f"geom {model.geom(g).name!r} is a {kind.name}: an object of that shape has no mesh")
+
+
+def dense_flow(
+    run: Run, depth: NDArray[np.float32], segmentation: NDArray[np.uint8], poses: tuple[Array, Array],
+    samples: tuple[int, int], fov: float,
+) -> Array:  # fmt: skip
+    """Optical flow (H, W, 2) [pixel] of rigid objects and background, from one recorded sample to another.
+
+    depth (H, W) [m] and segmentation (H, W) belong to the first; poses: the camera (4, 4) at both. A pixel is carried by
+    the motion of the body it shows, then seen by the second camera. NaN where nothing is hit; what gets hidden on the
+    way keeps the flow it would have.
+    """
+    height, width = depth.shape
+    focal = 0.5 * width / np.tan(fov / 2)
+    across = (np.arange(width) + 0.5 - width / 2) / focal
+    down = (np.arange(height) + 0.5 - height / 2) / focal
+    z = np.where(depth < 65504, depth, np.nan).astype(float)
+    local = np.stack([across[None] * z, -down[:, None] * z, -z], axis=-1)
+    world = local @ poses[0][:3, :3].T + poses[0][:3, 3]
+    for t in things(run):
+        here = segmentation == t.id
+        body = run.model.body(t.body).id
+        first, second = (quaternion_matrix(run.motion.quaternion[k, body][None])[0] for k in samples)
+        start, end = (run.motion.origin[k, body] for k in samples)
+        world[here] = (world[here] - start) @ first @ second.T + end
+    seen = (world - poses[1][:3, 3]) @ poses[1][:3, :3]
+    u = width / 2 - focal * seen[..., 0] / seen[..., 2]
+    v = height / 2 + focal * seen[..., 1] / seen[..., 2]
+    return np.stack([u - np.arange(width) - 0.5, v - np.arange(height)[:, None] - 0.5], axis=-1)

@@ -1,0 +1,486 @@
+"""Job -> one scene folder, whole or absent; its verification and its reproduction.
+
+The layout is the released dataset's. Beside it, under names its readers ignore: `physics.h5`, `laws.json`,
+`properties.json`, `provenance.json`, `scene.xml` and `meshes/`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import shutil
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from . import annotate
+from .base import Phenomenon, Verdict
+from .fidelity import Fidelity
+from .registry import phenomenon
+from .run import Impact, Run
+from .simulate import build, compile, repeater, simulate_specimen
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+FORMAT: Final = 1
+"""Version of what this package adds to the release's layout; a folder of another one is refused."""
+
+MODALITIES: Final = ("rgb", "depth", "seg")
+_MAX_JSON: Final = 64 << 20
+_PACKAGES: Final = ("physinone-mj", "mujoco", "numpy", "scipy", "numba", "h5py", "opencv-python-headless", "trimesh")
+_LETTERS: Final = "0123456789ABCDEFGHJKLMNPQRSTUVWXYZ"
+
+
+class SceneExists(FileExistsError):
+    """There is a whole scene of that name already; it was left alone."""
+
+
+class NotAScene(ValueError):
+    """A folder that is not a scene of this package; the message says what is missing or wrong."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene to be made. parameters: only those that are set, the others have their nominal values.
+
+    views: static cameras (the moving one comes on top); size: pixels per side; ValueError if out of range.
+    """
+
+    index: int
+    parameters: Mapping[str, float | int | str]
+    fidelity: Fidelity
+    seed: int = 0
+    views: int = 12
+    size: int = 1120
+    modalities: tuple[str, ...] = MODALITIES
+    render: bool = True
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("views", 1, 64), ("size", 16, 4096), ("seed", 0, 2**63 - 1)):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} = {getattr(self, name)}; allowed: {low} to {high}")
+        unknown = [m for m in self.modalities if m not in MODALITIES]
+        if unknown or not self.modalities:
+            raise ValueError(f"modalities = {','.join(self.modalities) or '(none)'}; allowed: some of rgb,depth,seg")
+        self.specimen  # noqa: B018  an impossible parameter shall fail here, before any work
+
+    @functools.cached_property
+    def specimen(self) -> Phenomenon:
+        """The phenomenon with the job's parameters."""
+        return phenomenon(self.index).make(**self.parameters)
+
+    @functools.cached_property
+    def case(self) -> str:
+        """The release's case id: label, background, six letters that follow from everything in the job."""
+        told = {
+            "index": self.index, "parameters": self.specimen.values(), "fidelity": asdict(self.fidelity),
+            "seed": self.seed, "views": self.views, "size": self.size, "modalities": sorted(self.modalities),
+            "render": self.render,
+        }  # fmt: skip
+        number = int.from_bytes(hashlib.sha256(json.dumps(told, sort_keys=True).encode()).digest()[:8])
+        letters = ""
+        for _ in range(6):
+            number, letter = divmod(number, len(_LETTERS))
+            letters += _LETTERS[letter]
+        return f"{self.specimen.label}__bg000__{letters}"
+
+    @property
+    def folder(self) -> str:
+        """Name of the scene folder."""
+        return f"{self.case}_trajectory"
+
+    def rng(self, purpose: int) -> np.random.Generator:
+        """A stream of its own for every purpose (1: cameras), whatever else was drawn."""
+        return np.random.default_rng([self.seed, self.index, purpose])
+
+
+@dataclass
+class Report:
+    """What `verify` and `reproduce` found. problems: one line each; ok if there are none and no law failed."""
+
+    folder: Path
+    problems: list[str] = field(default_factory=list)
+    verdicts: list[Verdict] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Nothing is wrong."""
+        return not self.problems and all(v.verdict != "failed" for v in self.verdicts)
+
+
+def generate(job: Job, out: Path, *, force: bool = False, progress: Progress | None = None) -> Path:
+    """Simulate, check, render and annotate one scene into `out/<case>_trajectory`.
+
+    progress: called with the name of the stage and the fraction of the whole job done.
+    Raises SceneExists (unless `force`, which replaces it), OSError if `out` cannot be written, and what simulating
+    (Refusal, UnstableScene) and rendering (NoGL, NoClearView, WorkerFailed) raise. Nothing half-written stays behind;
+    what an earlier process left when it was killed is removed.
+    """
+    out = Path(out)
+    final = out / job.folder
+    if final.exists() and not force:
+        raise SceneExists(f"{final} exists and was kept; --force replaces it")
+    out.mkdir(parents=True, exist_ok=True)
+    _sweep(out, job)
+    partial = out / f".{job.folder}.partial-{os.getpid()}"
+    partial.mkdir()
+    try:
+        _write(job, partial, progress or (lambda _stage, _done: None))
+        if final.exists():
+            old = out / f".{job.folder}.replaced-{os.getpid()}"
+            final.rename(old)
+            partial.rename(final)
+            shutil.rmtree(old)
+        else:
+            partial.rename(final)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return final
+
+
+def _sweep(out: Path, job: Job) -> None:
+    for left in [*out.glob(f".{job.folder}.partial-*"), *out.glob(f".{job.folder}.replaced-*")]:
+        owner = left.name.rpartition("-")[2]
+        if owner.isdigit() and (int(owner) == os.getpid() or not Path(f"/proc/{owner}").exists()):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _write(job: Job, folder: Path, progress: Progress) -> None:
+    begun = clock.perf_counter()
+    share = 0.05 if job.render else 0.8
+    run = simulate_specimen(
+        job.specimen, fidelity=job.fidelity, seed=job.seed, progress=lambda done: progress("simulating", share * done)
+    )
+    simulated = clock.perf_counter()
+    progress("checking the laws", share)
+    verdicts = run.check()
+    _json(folder / "laws.json", [v.record() for v in verdicts])
+    fps = run.scene.fps
+    write_physics(run, folder / "physics.h5")
+    _json(folder / "properties.json", annotate.properties(run))
+    _json(folder / f"{job.folder}.json", annotate.motion(run, fps))
+    (folder / "caption.txt").write_text(job.specimen.caption(run) + "\n", encoding="utf-8")
+    (folder / "scene.xml").write_text(viewable(run), encoding="utf-8")
+    (folder / "meshes").mkdir()
+    for thing in annotate.things(run):
+        mesh = annotate.mesh(run, thing)
+        if len(mesh.vertices):
+            name = thing.body.replace("/", "_")
+            (folder / "meshes" / f"{thing.id:03d}_{name}.obj").write_text(
+                mesh.export(file_type="obj", include_normals=False, header=None), encoding="utf-8"
+            )
+    checked = clock.perf_counter()
+    gl: dict[str, Any] | None = None
+    if job.render:
+        gl = _film(job, run, folder, lambda stage, done: progress(stage, share + (0.98 - share) * done))
+    rendered = clock.perf_counter()
+    progress("sealing", 0.98)
+    frames = len(range(0, len(run), run.stride))
+    _json(folder / "recorder_stats.json", {"frames": frames, "fps": fps, "samples": len(run), "step": run.step})
+    provenance = {
+        "format": FORMAT,
+        "job": {
+            "index": job.index, "label": job.specimen.label, "parameters": job.specimen.values(),
+            "fidelity": asdict(job.fidelity), "seed": job.seed, "views": job.views, "size": job.size,
+            "modalities": list(job.modalities), "render": job.render,
+        },
+        "state_sha256": state_digest(run),
+        "versions": _versions(),
+        "gl": gl,
+        "seconds": {
+            "simulate": simulated - begun, "check_and_annotate": checked - simulated, "render": rendered - checked,
+        },
+        "files": {str(p.relative_to(folder)): _digest(p) for p in sorted(folder.rglob("*")) if p.is_file()},
+    }  # fmt: skip
+    _json(folder / "provenance.json", provenance)
+    progress("done", 1.0)
+
+
+def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any]:
+    from render import film, raster
+
+    things = {t.body: t.id for t in annotate.things(run)}
+    tendons = np.zeros(run.model.ntendon, np.int32)
+    coils = []
+    for coil in run.scene.coils:
+        tendon = run.model.tendon(coil.tendon).id
+        tendons[tendon] = things[coil.body]
+        coils.append(
+            raster.Coil(tendon, coil.turns, coil.radius, coil.wire, coil.rgba, segmentation=things[coil.body])
+        )
+    ids = annotate.geom_ids(run)
+    qpos = run.qpos[:: run.stride]
+    progress("placing cameras", 0.0)
+    blank = film.Footage(
+        model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids), tendon_ids=tendons,
+        coils=tuple(coils), size=(job.size, job.size), modalities=frozenset(job.modalities),
+    )  # fmt: skip
+    views = film.plan_views(blank, job.rng(1), count=job.views)
+    footage = film.Footage(**{k: getattr(blank, k) for k in blank.__dataclass_fields__} | {"views": views})
+    total = len(views) * len(qpos)
+    info = film.shoot(footage, folder, progress=lambda done: progress("rendering", 0.05 + 0.95 * done / total))
+    statics = []
+    for number, view in enumerate(views):
+        poses = np.broadcast_to(view.poses, (len(qpos), 4, 4))
+        camera = annotate.camera_file(
+            view.name, poses, fov=footage.fov, size=job.size, fps=run.scene.fps, trajectory=job.folder, number=number
+        )
+        _json(folder / f"blender_{view.name}.json", camera)
+        if view.poses.ndim == 2:
+            statics.append((view.name, camera))
+    (folder / "static_camera_list.txt").write_text("".join(f"{name}\n" for name, _ in statics), encoding="utf-8")
+    for name, part in annotate.split_files([camera for _, camera in statics]).items():
+        _json(folder / f"transforms_{name}.json", part, indent=2)
+    poses = [(v.poses, False) for v in views if v.poses.ndim == 2]
+    poses += [(p, True) for v in views if v.poses.ndim == 3 for p in v.poses[:: max(1, len(v.poses) // 30)]]
+    (folder / "cameras.ply").write_text(annotate.frustums(poses, footage.fov, footage.sphere.radius / 5))
+    return dict(info)
+
+
+def viewable(run: Run) -> str:
+    """The scene as MJCF for the MuJoCo viewer, with a keyframe at the start.
+
+    The viewer steps with MuJoCo's own contacts, and without effects and events: a look, not the data.
+    """
+    scene = build(run.specimen)
+    spec = compile(run.specimen, scene, run.fidelity).scene.spec
+    spec.option.timestep = run.step
+    for pair, surface in zip(spec.pairs, compile_surfaces(run), strict=True):
+        pair.solref = (0.0, -(1 + surface) / run.step)
+        pair.solreffriction = (0.0, -1 / run.step)
+        pair.solimp = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+    implicit = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = implicit if len(spec.pairs) else mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.add_key(name="start", qpos=run.qpos[0], qvel=run.qvel[0])
+    spec.modelname = run.specimen.label
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def compile_surfaces(run: Run) -> list[float]:
+    """Restitution of every contact pair, in the model's order."""
+    return [s.restitution for s in compile(run.specimen, build(run.specimen), run.fidelity).pairs]
+
+
+def state_digest(run: Run) -> str:
+    """SHA-256 of the recorded state: times, positions and velocities, as little-endian doubles."""
+    digest = hashlib.sha256()
+    for array in (run.t, run.qpos, run.qvel):
+        digest.update(np.ascontiguousarray(array, "<f8").tobytes())
+    return digest.hexdigest()
+
+
+def write_physics(run: Run, path: Path) -> None:
+    """`physics.h5`: every recorded quantity, SI, each dataset with its `unit`. The same run gives the same bytes."""
+    with h5py.File(path, "w", libver="latest") as file:
+
+        def put(name: str, values: Any, unit: str, about: str = "") -> None:
+            data = np.asarray(values)
+            packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if data.size > 64 else {}
+            entry = file.create_dataset(name, data=data, track_times=False, **packed)
+            entry.attrs["unit"] = unit
+            if about:
+                entry.attrs["about"] = about
+
+        file.attrs["label"] = run.specimen.label
+        file.attrs["samples_per_frame"] = run.stride
+        put("time", run.t, "s")
+        put("state/qpos", run.qpos, "m, rad or 1", "MuJoCo's generalised positions")
+        put("state/qvel", run.qvel, "m/s or rad/s", "MuJoCo's generalised velocities")
+        for name in run.bodies():
+            if name.startswith("stage/"):
+                continue
+            body = run.model.body(name).id
+            put(f"bodies/{name}/position", run.position(name), "m", "centre of mass, world axes")
+            put(f"bodies/{name}/origin", run.motion.origin[:, body], "m", "origin of the body's axes")
+            put(f"bodies/{name}/quaternion", run.quaternion(name), "1", "body to world, w first")
+            put(f"bodies/{name}/linear_velocity", run.velocity(name), "m/s", "of the centre of mass, world axes")
+            put(f"bodies/{name}/angular_velocity", run.spin(name), "rad/s", "world axes")
+        put("energy/kinetic", run.motion.kinetic, "J")
+        put("energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects")
+        for name, seen in run.specimen.observables().items():
+            put(f"observables/{name}", seen.measure(run.specimen, run), seen.unit, seen.about)
+        hits = run.impacts
+        put("contacts/time", np.array([i.time for i in hits]), "s", "instant of each impact")
+        for key in ("first", "second"):
+            put(f"contacts/{key}", np.array([getattr(i, key).encode() for i in hits], dtype="S64"), "1", "geom")
+        put("contacts/position", np.array([i.position for i in hits]).reshape(-1, 3), "m")
+        put("contacts/normal", np.array([i.normal for i in hits]).reshape(-1, 3), "1", "from the first to the second")
+        put("contacts/approach", np.array([i.approach for i in hits]), "m/s", "normal closing speed before")
+        put("contacts/impulse", np.array([i.impulse for i in hits]).reshape(-1, 3), "N s", "on the second body")
+        kinds = [name for name in mujoco.mjtWarning.__members__ if name != "mjNWARNING"]
+        put("warnings", np.zeros(len(kinds), np.int64), "1", "counts of " + ", ".join(kinds))
+
+
+def read_run(folder: Path) -> tuple[Run, dict[str, Any]]:
+    """The run as it was recorded, and the provenance; NotAScene says what is missing or wrong."""
+    provenance = _read_provenance(folder)
+    told = provenance["job"]
+    specimen = phenomenon(told["index"]).make(**told["parameters"])
+    fidelity = Fidelity(**told["fidelity"])
+    compiled = compile(specimen, build(specimen), fidelity)
+    try:
+        with h5py.File(folder / "physics.h5", "r") as file:
+            shape = (compiled.samples, compiled.model.nq)
+            if file["state/qpos"].shape != shape or file["state/qvel"].shape != (shape[0], compiled.model.nv):
+                raise NotAScene(f"{folder}/physics.h5: state of shape {file['state/qpos'].shape}; expected: {shape}")
+            t, qpos, qvel = (np.asarray(file[k], float) for k in ("time", "state/qpos", "state/qvel"))
+            c = {k: file[f"contacts/{k}"][:] for k in
+                 ("time", "first", "second", "position", "normal", "approach", "impulse")}  # fmt: skip
+    except (OSError, KeyError, TypeError) as why:
+        raise NotAScene(f"{folder}/physics.h5: {why}") from None
+    impacts = tuple(
+        Impact(
+            time=float(c["time"][i]), first=c["first"][i].decode(), second=c["second"][i].decode(),
+            position=tuple(c["position"][i].tolist()), normal=tuple(c["normal"][i].tolist()),
+            approach=float(c["approach"][i]), impulse=tuple(c["impulse"][i].tolist()),
+        )
+        for i in range(len(c["time"]))
+    )  # fmt: skip
+    run = Run(
+        specimen=specimen, fidelity=fidelity, seed=told["seed"], scene=compiled.scene, model=compiled.model, t=t,
+        qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0,
+        again_with=repeater(specimen, fidelity, told["seed"]),
+    )  # fmt: skip
+    return run, provenance
+
+
+def verify(folder: Path) -> Report:
+    """Checksums, layout, and the laws judged anew from the recorded data. NotAScene if it is no scene at all."""
+    folder = Path(folder)
+    report = Report(folder)
+    provenance = _read_provenance(folder)
+    listed: dict[str, str] = provenance["files"]
+    present = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()} - {"provenance.json"}
+    report.problems += [f"{name}: missing" for name in sorted(set(listed) - present)]
+    report.problems += [f"{name}: not in provenance.json" for name in sorted(present - set(listed))]
+    for name in sorted(present & set(listed)):
+        if _digest(folder / name) != listed[name]:
+            report.problems.append(f"{name}: its SHA-256 is not the one in provenance.json")
+    try:
+        report.problems += _layout(folder, provenance)
+        run, _ = read_run(folder)
+    except (NotAScene, KeyError, ValueError) as why:
+        report.problems.append(str(why))
+        return report
+    if state_digest(run) != provenance["state_sha256"]:
+        report.problems.append("physics.h5: the recorded state is not the one that provenance.json names")
+    report.problems += _consistent(run, folder / "physics.h5")
+    report.verdicts = run.check()
+    return report
+
+
+def _consistent(run: Run, path: Path) -> list[str]:
+    """Recorded bodies against the recorded state: whoever edits one has to edit both."""
+    wrong = []
+    with h5py.File(path, "r") as file:
+        for name in run.bodies():
+            if name.startswith("stage/"):
+                continue
+            for key, values in (("position", run.position(name)), ("linear_velocity", run.velocity(name))):
+                entry = file.get(f"bodies/{name}/{key}")
+                if entry is None or entry.shape != values.shape or not np.allclose(entry[:], values, atol=1e-9):
+                    wrong.append(f"physics.h5: bodies/{name}/{key} does not follow from the recorded state")
+        unlabelled: list[str] = []
+        file.visititems(
+            lambda n, e: unlabelled.append(n) if isinstance(e, h5py.Dataset) and "unit" not in e.attrs else None
+        )
+        wrong += [f"physics.h5: {name} has no unit" for name in unlabelled]
+    return wrong
+
+
+def _layout(folder: Path, provenance: Mapping[str, Any]) -> list[str]:
+    told, wrong = provenance["job"], []
+    name = folder.name
+    for required in ("caption.txt", "laws.json", "properties.json", "scene.xml", "recorder_stats.json"):
+        if not (folder / required).is_file():
+            wrong.append(f"{required}: missing")
+    motion = _read_json(folder / f"{name}.json")
+    frames = motion["sequence_info"]["total_frames"]
+    if not told["render"]:
+        return wrong
+    statics = (folder / "static_camera_list.txt").read_text(encoding="utf-8").split()
+    if len(statics) != told["views"]:
+        wrong.append(f"static_camera_list.txt: {len(statics)} cameras; expected: {told['views']}")
+    endings = {"rgb": "jpg", "depth": "npz", "seg": "npz"}
+    for view in [*statics, "CineCamera_Moving"]:
+        camera = _read_json(folder / f"blender_{view}.json")
+        if camera["total_frames"] != frames or len(camera["frames"]) != frames:
+            wrong.append(f"blender_{view}.json: {camera['total_frames']} frames; expected: {frames}")
+        for kind in told["modalities"]:
+            expected = {f"{i:04d}.{endings[kind]}" for i in range(frames)}
+            there = {p.name for p in (folder / view / kind).glob("*")}
+            if expected != there:
+                wrong.append(f"{view}/{kind}: {len(there & expected)} of {frames} frames")
+    return wrong
+
+
+def reproduce(folder: Path, *, progress: Progress | None = None) -> Report:
+    """Simulate again from `provenance.json` alone and compare the states bit for bit."""
+    folder = Path(folder)
+    report = Report(folder)
+    provenance = _read_provenance(folder)
+    told = provenance["job"]
+    specimen = phenomenon(told["index"]).make(**told["parameters"])
+    show = progress or (lambda _stage, _done: None)
+    run = simulate_specimen(
+        specimen, fidelity=Fidelity(**told["fidelity"]), seed=told["seed"], progress=lambda f: show("simulating", f)
+    )
+    if state_digest(run) != provenance["state_sha256"]:
+        recorded, here = provenance["versions"], _versions()
+        other = [f"{k} {recorded.get(k)} here {v}" for k, v in here.items() if recorded.get(k) != v]
+        reason = f" (made with other versions: {'; '.join(other)})" if other else ""
+        report.problems.append(f"the states differ from the recorded ones{reason}")
+    return report
+
+
+def _read_provenance(folder: Path) -> dict[str, Any]:
+    path = Path(folder) / "provenance.json"
+    if not path.is_file():
+        raise NotAScene(f"{folder}: no provenance.json, so not a whole scene")
+    found = _read_json(path)
+    told = found.get("job") if isinstance(found, dict) else None
+    keys = {"index", "parameters", "fidelity", "seed", "views", "modalities", "render"}
+    if not isinstance(told, dict) or not keys <= set(told) or not isinstance(found.get("files"), dict):
+        raise NotAScene(f"{path}: incomplete; expected a job with {', '.join(sorted(keys))} and files")
+    if found.get("format") != FORMAT:
+        raise NotAScene(f"{path}: format = {found.get('format')}; allowed: {FORMAT}")
+    return dict(found)
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        if path.stat().st_size > _MAX_JSON:
+            raise NotAScene(f"{path}: {path.stat().st_size} bytes; allowed: {_MAX_JSON}")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as why:
+        raise NotAScene(f"{path}: {why}") from None
+
+
+def _json(path: Path, value: Any, indent: int | None = 1) -> None:
+    path.write_text(json.dumps(value, indent=indent, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "python": platform.python_version(), "machine": platform.machine(), "system": platform.system(),
+        **{name: importlib.metadata.version(name) for name in _PACKAGES},
+    }  # fmt: skip
