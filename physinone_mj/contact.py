@@ -244,7 +244,7 @@ class Solver:
         self._cut = gravity * dt
         m = self._model
         reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
-        self._model.pair_margin[:] = 4 * self._cut * dt
+        self._model.pair_margin[:] = max(4 * self._cut * dt, 2 * TOUCH)
         self._model.pair_gap[:] = 2 * dt * (reach + self._cut)
 
     def look(self, data: Any, dt: float) -> tuple[float, float, bool]:

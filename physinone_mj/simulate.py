@@ -82,9 +82,10 @@ def build(specimen: Phenomenon) -> Scene:
 def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     """Derive from what is in the scene what it needs: steps, contacts, flags; refuse what cannot be resolved."""
     spec = scene.spec
-    surfaces = _contact_pairs(scene)
+    named = _contact_pairs(scene)
     spec.option.gravity = (0.0, 0.0, -scene.gravity)
     model = spec.compile()
+    surfaces = tuple(named[model.pair(i).name] for i in range(model.npair))  # the compiler sorts the pairs
     frames = max(2, round(scene.duration * scene.fps))
     stride = max(OVERSAMPLING, math.ceil(8 / (scene.time * scene.fps)))
     sample = 1 / (scene.fps * stride)
@@ -118,18 +119,19 @@ def _geoms(scene: Scene, name: str) -> list[Any]:
     return [geom]
 
 
-def _contact_pairs(scene: Scene) -> tuple[Surface, ...]:
-    surfaces = []
+def _contact_pairs(scene: Scene) -> dict[str, Surface]:
+    surfaces = {}
     for first, second in dict.fromkeys(scene.touching):
         surface = scene.matter[first].surface.against(scene.matter[second].surface)
         for a in _geoms(scene, first):
             for b in _geoms(scene, second):
-                pair = scene.spec.add_pair(geomname1=a.name, geomname2=b.name)
+                name = f"{a.name} {b.name}"
+                pair = scene.spec.add_pair(name=name, geomname1=a.name, geomname2=b.name)
                 pair.condim = 3 if surface.static_friction > 0 else 1
                 friction = max(surface.static_friction, mujoco.mjMINMU)
                 pair.friction = [friction, friction, 0, 0, 0]
-                surfaces.append(surface)
-    return tuple(surfaces)
+                surfaces[name] = surface
+    return surfaces
 
 
 def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
