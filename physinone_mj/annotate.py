@@ -38,7 +38,8 @@ def things(run: Run) -> list[Thing]:
 
     KeyError if a body was built without saying what it is made of.
     """
-    model, found = run.model, []
+    model = run.model
+    found: list[Thing] = []
     coiled = {coil.body for coil in run.scene.coils}
     for body in range(1, model.nbody):
         name = model.body(body).name
@@ -181,7 +182,7 @@ def frustums(cameras: Sequence[tuple[Array, bool]], fov: float, length: float) -
     for i, (pose, moving) in enumerate(cameras):
         colour = "255 0 0" if moving else f"0 {(60 + 37 * i) % 196 + 60} 255"
         for point in length * local @ pose[:3, :3].T + pose[:3, 3]:
-            rows.append("{:.6f} {:.6f} {:.6f} {}".format(*point, colour))
+            rows.append(f"{point[0]:.6f} {point[1]:.6f} {point[2]:.6f} {colour}")
     header = ["ply", "format ascii 1.0", f"element vertex {len(rows)}"]
     header += [f"property float {axis}" for axis in "xyz"] + [f"property uchar {c}" for c in ("red", "green", "blue")]
     return "\n".join([*header, "end_header", *rows, ""])
@@ -190,38 +191,37 @@ def frustums(cameras: Sequence[tuple[Array, bool]], fov: float, length: float) -
 def mesh(run: Run, thing: Thing) -> trimesh.Trimesh:
     """The object's visible geometry as one triangle mesh, in the axes of its body [m]."""
     model = run.model
-    body = model.body(thing.body).id
-    parts = []
-    for g in np.flatnonzero(model.geom_bodyid == body):
+    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), int)], 0
+    for g in np.flatnonzero(model.geom_bodyid == model.body(thing.body).id):
         if model.geom_group[g] in (HIDDEN, IMMATERIAL):
             continue
-        part = _geom_mesh(model, int(g))
-        pose = np.eye(4)
-        pose[:3, :3] = quaternion_matrix(model.geom_quat[g][None])[0]
-        pose[:3, 3] = model.geom_pos[g]
-        parts.append(part.apply_transform(pose))
-    return trimesh.util.concatenate(parts) if parts else trimesh.Trimesh()
+        points, triangles = _geom_mesh(model, int(g))
+        vertices.append(points @ quaternion_matrix(model.geom_quat[g][None])[0].T + model.geom_pos[g])
+        faces.append(triangles + count)
+        count += len(points)
+    return trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)
 
 
-def _geom_mesh(model: Any, g: int) -> trimesh.Trimesh:
+def _geom_mesh(model: Any, g: int) -> tuple[Array, NDArray[np.int64]]:
     kind, size = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
     make = trimesh.creation
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return make.icosphere(subdivisions=4, radius=size[0])
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return make.box(extents=2 * size)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return make.cylinder(radius=size[0], height=2 * size[1], sections=96)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return make.capsule(radius=size[0], height=2 * size[1], count=(32, 32))
-    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        return make.icosphere(subdivisions=4, radius=1.0).apply_transform(np.diag([*size, 1.0]))
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         m = model.mesh(model.geom_dataid[g])
-        vertices = model.mesh_vert[m.vertadr[0] : m.vertadr[0] + m.vertnum[0]]
-        faces = model.mesh_face[m.faceadr[0] : m.faceadr[0] + m.facenum[0]]
-        return trimesh.Trimesh(vertices, faces, process=False)
-    raise ValueError(f"geom {model.geom(g).name!r} is a {kind.name}: an object of that shape has no mesh")
+        return (
+            model.mesh_vert[m.vertadr[0] : m.vertadr[0] + m.vertnum[0]].astype(float),
+            model.mesh_face[m.faceadr[0] : m.faceadr[0] + m.facenum[0]].astype(np.int64),
+        )
+    shapes = {
+        mujoco.mjtGeom.mjGEOM_SPHERE: lambda: make.icosphere(subdivisions=4, radius=size[0]),
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID: lambda: make.icosphere(subdivisions=4).apply_scale(size),
+        mujoco.mjtGeom.mjGEOM_BOX: lambda: make.box(extents=2 * size),
+        mujoco.mjtGeom.mjGEOM_CYLINDER: lambda: make.cylinder(radius=size[0], height=2 * size[1], sections=96),
+        mujoco.mjtGeom.mjGEOM_CAPSULE: lambda: make.capsule(radius=size[0], height=2 * size[1], count=(32, 32)),
+    }
+    if kind not in shapes:
+        raise ValueError(f"geom {model.geom(g).name!r} is a {kind.name}: an object of that shape has no mesh")
+    shape = shapes[kind]()
+    return np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64)
 
 
 def dense_flow(
@@ -230,9 +230,9 @@ def dense_flow(
 ) -> Array:  # fmt: skip
     """Optical flow (H, W, 2) [pixel] of rigid objects and background, from one recorded sample to another.
 
-    depth (H, W) [m] and segmentation (H, W) belong to the first; poses: the camera (4, 4) at both. A pixel is carried by
-    the motion of the body it shows, then seen by the second camera. NaN where nothing is hit; what gets hidden on the
-    way keeps the flow it would have.
+    depth (H, W) [m] and segmentation (H, W) belong to the first; poses: the camera (4, 4) at both. A pixel is carried
+    by the motion of the body it shows, then seen by the second camera. NaN where nothing is hit; what gets hidden on
+    the way keeps the flow it would have.
     """
     height, width = depth.shape
     focal = 0.5 * width / np.tan(fov / 2)

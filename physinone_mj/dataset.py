@@ -179,7 +179,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
         if len(mesh.vertices):
             name = thing.body.replace("/", "_")
             (folder / "meshes" / f"{thing.id:03d}_{name}.obj").write_text(
-                mesh.export(file_type="obj", include_normals=False, header=None), encoding="utf-8"
+                str(mesh.export(file_type="obj", include_normals=False, header=None)), encoding="utf-8"
             )
     checked = clock.perf_counter()
     gl: dict[str, Any] | None = None
@@ -243,9 +243,9 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
     (folder / "static_camera_list.txt").write_text("".join(f"{name}\n" for name, _ in statics), encoding="utf-8")
     for name, part in annotate.split_files([camera for _, camera in statics]).items():
         _json(folder / f"transforms_{name}.json", part, indent=2)
-    poses = [(v.poses, False) for v in views if v.poses.ndim == 2]
-    poses += [(p, True) for v in views if v.poses.ndim == 3 for p in v.poses[:: max(1, len(v.poses) // 30)]]
-    (folder / "cameras.ply").write_text(annotate.frustums(poses, footage.fov, footage.sphere.radius / 5))
+    shown = [(v.poses, False) for v in views if v.poses.ndim == 2]
+    shown += [(p, True) for v in views if v.poses.ndim == 3 for p in v.poses[:: max(1, len(v.poses) // 30)]]
+    (folder / "cameras.ply").write_text(annotate.frustums(shown, footage.fov, footage.sphere.radius / 5))
     return dict(info)
 
 
