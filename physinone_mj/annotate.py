@@ -6,7 +6,7 @@ public (rotation and scale of the motion file, the property file), ours are stat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -211,7 +211,7 @@ def _geom_mesh(model: Any, g: int) -> tuple[Array, NDArray[np.int64]]:
             model.mesh_vert[m.vertadr[0] : m.vertadr[0] + m.vertnum[0]].astype(float),
             model.mesh_face[m.faceadr[0] : m.faceadr[0] + m.facenum[0]].astype(np.int64),
         )
-    shapes = {
+    shapes: dict[Any, Callable[[], trimesh.Trimesh]] = {
         mujoco.mjtGeom.mjGEOM_SPHERE: lambda: make.icosphere(subdivisions=4, radius=size[0]),
         mujoco.mjtGeom.mjGEOM_ELLIPSOID: lambda: make.icosphere(subdivisions=4).apply_scale(size),
         mujoco.mjtGeom.mjGEOM_BOX: lambda: make.box(extents=2 * size),

@@ -254,25 +254,11 @@ def viewable(run: Run) -> str:
 
     The viewer steps with MuJoCo's own contacts, and without effects and events: a look, not the data.
     """
-    scene = build(run.specimen)
-    spec = compile(run.specimen, scene, run.fidelity).scene.spec
-    spec.option.timestep = run.step
-    for pair, surface in zip(spec.pairs, compile_surfaces(run), strict=True):
-        pair.solref = (0.0, -(1 + surface) / run.step)
-        pair.solreffriction = (0.0, -1 / run.step)
-        pair.solimp = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-    implicit = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.integrator = implicit if len(spec.pairs) else mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.add_key(name="start", qpos=run.qpos[0], qvel=run.qvel[0])
+    spec = run.scene.spec.copy()
     spec.modelname = run.specimen.label
+    spec.add_key(name="start", qpos=run.qpos[0], qvel=run.qvel[0])
     spec.compile()
     return str(spec.to_xml())
-
-
-def compile_surfaces(run: Run) -> list[float]:
-    """Restitution of every contact pair, in the model's order."""
-    return [s.restitution for s in compile(run.specimen, build(run.specimen), run.fidelity).pairs]
 
 
 def state_digest(run: Run) -> str:
