@@ -7,7 +7,7 @@ integrator its order. Forces act at the centre of mass, with a torque about it, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -44,6 +44,19 @@ def _ids(model: Any, kind: Any, names: Sequence[str]) -> NDArray[np.int64]:
         if number < 0:
             raise KeyError(f"no {kind.name[6:].lower()} {name!r} in the scene")
     return np.array(found, np.int64)
+
+
+def _on(kernel: Callable[..., Any], constants: tuple[Any, ...], *fields: str) -> Callable[[Any], Any]:
+    """The kernel as a function of the data. Its fields are looked up once: they stay where they are for its life."""
+    known, arrays = None, constants
+
+    def call(data: Any) -> Any:
+        nonlocal known, arrays
+        if data is not known:
+            known, arrays = data, (*constants, *(getattr(data, field) for field in fields))
+        return kernel(*arrays)
+
+    return call
 
 
 @dataclass(frozen=True)
@@ -177,12 +190,7 @@ class Wind:
     def bind(self, model: Any) -> Push:
         """Compiled for one model."""
         bodies = _ids(model, mujoco.mjtObj.mjOBJ_BODY, self.bodies)
-        field = self.box._packed(self.profile, self.force)
-
-        def push(data: Any) -> None:
-            _push(bodies, field, data.xipos, data.xfrc_applied)
-
-        return push
+        return _on(_push, (bodies, self.box._packed(self.profile, self.force)), "xipos", "xfrc_applied")
 
     def potential(self, model: Any, data: Any) -> float:
         """-∫ F ds from the source [J], constant before and beyond the box.
@@ -226,13 +234,8 @@ class AirStream:
     def bind(self, model: Any) -> Push:
         """Compiled for one model."""
         bodies = _ids(model, mujoco.mjtObj.mjOBJ_BODY, self.bodies)
-        field = self.box._packed(self.profile, self.speed, self.drag)
-        root = model.body_rootid
-
-        def push(data: Any) -> None:
-            _drag(bodies, root, field, data.xipos, data.cvel, data.subtree_com, data.xfrc_applied)
-
-        return push
+        constants = (bodies, model.body_rootid, self.box._packed(self.profile, self.speed, self.drag))
+        return _on(_drag, constants, "xipos", "cvel", "subtree_com", "xfrc_applied")
 
     def potential(self, _model: Any, _data: Any) -> float:
         """None: drag dissipates."""
@@ -342,9 +345,10 @@ class Magnets:
                     raise Refusal("R5", f"poles {names} lie {nearest:.3g} m apart when their bodies touch; allowed: "
                                   f"{self.core:.3g} m or more, the core of the magnets")  # fmt: skip
         core = self.core
+        attract = _on(_attract, (sites, owner, charge), "site_xpos", "xipos", "xfrc_applied")
 
         def push(data: Any) -> None:
-            nearest = _attract(sites, owner, charge, data.site_xpos, data.xipos, data.xfrc_applied)
+            nearest = attract(data)
             # bodies in contact may overlap by round-off
             if nearest < core * (1 - 1e-3):
                 raise TooClose(f"two magnetic poles came within {nearest:.3g} m, nearer than the core of {core:.3g} m")
