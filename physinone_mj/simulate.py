@@ -82,10 +82,6 @@ def build(specimen: Phenomenon) -> Scene:
 def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     """Derive from what is in the scene what it needs: steps, contacts, flags; refuse what cannot be resolved."""
     spec = scene.spec
-    named = _contact_pairs(scene)
-    spec.option.gravity = (0.0, 0.0, -scene.gravity)
-    model = spec.compile()
-    surfaces = tuple(named[model.pair(i).name] for i in range(model.npair))  # the compiler sorts the pairs
     frames = max(2, round(scene.duration * scene.fps))
     stride = max(OVERSAMPLING, math.ceil(8 / (scene.time * scene.fps)))
     sample = 1 / (scene.fps * stride)
@@ -93,14 +89,20 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     if frames * stride * steps > _MAX_STEPS:
         raise Refusal("R10", f"{frames * stride * steps} steps; allowed: {_MAX_STEPS}; shortest time {scene.time:g} s, "
                       f"duration {scene.duration:g} s")  # fmt: skip
-    model.opt.timestep = sample / steps
+    named = _contact_pairs(scene, sample / steps)
+    spec.option.gravity = (0.0, 0.0, -scene.gravity)
+    spec.option.timestep = sample / steps
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.integrator = (
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST if named else mujoco.mjtIntegrator.mjINT_RK4  # the viewer's, with contact
+    )
+    model = spec.compile()
+    surfaces = tuple(named[model.pair(i).name] for i in range(model.npair))  # the compiler sorts the pairs
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.opt.disableflags |= _DISABLE.mjDSBL_AUTORESET
     if surfaces:
-        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         model.opt.tolerance = 1e-15
         model.opt.disableflags |= _DISABLE.mjDSBL_ISLAND
-        model.pair_solimp[:] = contact.IMPEDANCE
     else:
         model.opt.disableflags |= _DISABLE.mjDSBL_CONTACT
         if not (model.neq or model.jnt_limited.any() or model.tendon_limited.any() or model.dof_frictionloss.any()):
@@ -119,7 +121,8 @@ def _geoms(scene: Scene, name: str) -> list[Any]:
     return [geom]
 
 
-def _contact_pairs(scene: Scene) -> dict[str, Surface]:
+def _contact_pairs(scene: Scene, step: float) -> dict[str, Surface]:
+    """Declare the pairs. Their solref serves who opens the scene in the viewer; our own steps write the references."""
     surfaces = {}
     for first, second in dict.fromkeys(scene.touching):
         surface = scene.matter[first].surface.against(scene.matter[second].surface)
@@ -130,6 +133,9 @@ def _contact_pairs(scene: Scene) -> dict[str, Surface]:
                 pair.condim = 3 if surface.static_friction > 0 else 1
                 friction = max(surface.static_friction, mujoco.mjMINMU)
                 pair.friction = [friction, friction, 0, 0, 0]
+                pair.solref = (0.0, -(1 + surface.restitution) / step)
+                pair.solreffriction = (0.0, -1 / step)
+                pair.solimp = contact.IMPEDANCE
                 surfaces[name] = surface
     return surfaces
 
