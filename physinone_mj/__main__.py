@@ -1,0 +1,349 @@
+"""The command line: `physinone`, or `python -m physinone_mj`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import __version__
+from .terminal import OF_ONE_SCENE, BadInput, Progress, complain, names, say, say_json, say_laws, table, told
+
+if TYPE_CHECKING:
+    from .base import Phenomenon
+    from .dataset import Job, Report
+    from .fidelity import Fidelity
+    from .registry import Entry
+
+
+@contextlib.contextmanager
+def as_typed() -> Iterator[None]:
+    """What the body finds wrong with its values was typed by the user."""
+    try:
+        yield
+    except ValueError as why:
+        raise BadInput(str(why)) from None
+
+
+def chosen(words: Sequence[str]) -> list[Entry]:
+    """The phenomena meant by indices, labels and ranges ("46", "SimplePendulum", "1-3 10"), in that order."""
+    from .registry import entries, find
+
+    found: list[Entry] = []
+    for word in re.split(r"[\s,]+", " ".join(words).strip()):
+        span = re.fullmatch(r"(\d+)-(\d+)", word)
+        if span:
+            low, high = int(span[1]), int(span[2])
+            within = [entry for entry in entries() if low <= entry.index <= high]
+            if not within:
+                there = ", ".join(str(entry.index) for entry in entries())
+                raise BadInput(f"no phenomenon in {word}; there are: {there}")
+            found += within
+        else:
+            found.append(find(word))
+    return list(dict.fromkeys(found))
+
+
+def settings(assignments: Sequence[str], cls: type[Phenomenon]) -> dict[str, float | int | str]:
+    """`name=value` each, as the phenomenon declares them: numbers, or the words of a choice."""
+    from .base import Choice
+
+    values: dict[str, float | int | str] = {}
+    for assignment in assignments:
+        name, sign, word = (part.strip() for part in assignment.partition("="))
+        if not (name and sign and word):
+            raise BadInput(f"--set {assignment!r}; allowed: name=value, such as --set length=0.7")
+        declared, _ = cls.declarations().get(name, (None, None))
+        values[name] = word if isinstance(declared, Choice) else number(word)
+    return values
+
+
+def number(word: str) -> float | int | str:
+    """The word as a number, if it is one."""
+    try:
+        value = float(word)
+    except ValueError:
+        return word
+    return int(word) if re.fullmatch(r"[+-]?\d{1,15}", word) else value
+
+
+def fidelity_named(name: str) -> Fidelity:
+    """The preset of that name."""
+    from .fidelity import Fidelity
+
+    with as_typed():
+        return Fidelity.named(name)
+
+
+app = typer.Typer(
+    name="physinone",
+    help="Visual physics: simulate, verify, render and annotate everyday phenomena.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Which = Annotated[list[str], typer.Argument(metavar="N", help="Indices, labels, ranges: 46, SimplePendulum, 1-3.")]
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A scene folder.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Set a parameter; may be repeated.")]
+FidelityName = Annotated[str, typer.Option("--fidelity", metavar="NAME", help="draft, standard or reference.")]
+
+
+@app.callback(invoke_without_command=True)
+def physinone(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+) -> None:
+    """Visual physics: simulate, verify, render and annotate everyday phenomena."""
+    if version:
+        print(f"physinone {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """The phenomena there are."""
+    from .registry import entries
+
+    if as_json:
+        say_json([{"index": e.index, "label": e.label, "domain": e.domain, "title": e.title} for e in entries()])
+        return
+    labels, domains = (max((len(getattr(e, key)) for e in entries()), default=0) for key in ("label", "domain"))
+    for e in entries():
+        print(f"{e.index:>3}  {e.label:<{labels}}  {e.domain:<{domains}}  {e.title}")
+
+
+@app.command()
+def show(which: Annotated[str, typer.Argument(metavar="N", help="Index or label.")], as_json: Json = False) -> None:
+    """What a phenomenon can be set to, what is recorded of it and which laws it obeys."""
+    from .base import Choice
+    from .fidelity import PRESETS
+    from .registry import phenomenon
+
+    cls = phenomenon(which)
+    nominal = cls.make().values()
+    presets = [preset.name for preset in PRESETS]
+    parameters: list[dict[str, Any]] = [
+        {"name": name, "unit": param.unit, "nominal": nominal[name], "about": param.about}
+        | ({"words": list(param.words)} if isinstance(param, Choice) else {"low": param.low, "high": param.high})
+        for name, (param, _) in cls.declarations().items()
+    ]
+    observables = [{"name": o.name, "unit": o.unit, "about": o.about} for o in cls.observables().values()]
+    laws: list[dict[str, Any]] = [
+        {
+            "name": law.name, "equation": law.equation, "source": law.source,
+            "within": dict(zip(presets, law.within, strict=True)), "unit": law.unit, "limited_by": law.limited_by,
+        }
+        for law in cls.laws().values()
+    ]  # fmt: skip
+    if as_json:
+        head = {"index": cls.index, "label": cls.label, "domain": cls.domain, "title": cls.title}
+        say_json(head | {"parameters": parameters, "observables": observables, "laws": laws})
+        return
+    settable = table("parameter", "nominal", "low", "high", "unit", "about", right=("nominal", "low", "high"))
+    for p in parameters:
+        low, high = (f"{p[k]:g}" for k in ("low", "high")) if "low" in p else ("", "")
+        about = f"{p['about']}: {', '.join(p['words'])}" if "words" in p else p["about"]
+        plain = f"{p['nominal']:g}" if "low" in p else p["nominal"]
+        settable.add_row(p["name"], plain, low, high, p["unit"], about)
+    recorded = table("observable", "unit", "about")
+    for o in observables:
+        recorded.add_row(o["name"], o["unit"], o["about"])
+    obeyed = table("law", "equation", *presets, "source", right=presets)
+    notes = []
+    for law in laws:
+        unit = f" {law['unit']}" if law["unit"] else ""
+        obeyed.add_row(law["name"], law["equation"], *(f"{w:.0e}{unit}" for w in law["within"].values()), law["source"])
+        notes += [f"{law['name']}, limited by: {law['limited_by']}"] if law["limited_by"] else []
+    say(f"{cls.index} {cls.label} ({cls.domain}): {cls.title}", settable, recorded, obeyed, *notes)
+
+
+@app.command()
+def run(
+    which: Which,
+    assignments: Set = None,
+    sample: Annotated[bool, typer.Option("--sample", help="Draw what is not set at random, by the seed.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Cameras, and what --sample draws.")] = 0,
+    fidelity: FidelityName = "standard",
+    views: Annotated[int, typer.Option(help="Static cameras; a moving one comes on top.")] = 12,
+    size: Annotated[int, typer.Option(help="Pixels per side.")] = 1120,
+    modalities: Annotated[str, typer.Option(help="Some of rgb,depth,seg.")] = "rgb,depth,seg",
+    render: Annotated[bool, typer.Option("--render/--no-render", help="Whether to draw pictures.")] = True,
+    force: Annotated[bool, typer.Option("--force", help="Replace a scene that exists.")] = False,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where scenes go.")] = Path("out"),
+    as_json: Json = False,
+) -> None:
+    """Make scenes: simulate, check the laws, render, annotate."""
+    import numpy as np
+
+    from .dataset import Job
+    from .registry import phenomenon
+
+    jobs = []
+    for entry in chosen(which):
+        cls = phenomenon(entry.index)
+        values = settings(assignments or (), cls)
+        with as_typed():
+            if sample:
+                values = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
+            wanted = tuple(word.strip() for word in modalities.split(","))
+            jobs.append(Job(entry.index, values, fidelity_named(fidelity), seed, views, size, wanted, render))
+
+    made: list[dict[str, Any]] = []
+    missing = False
+    try:
+        for n, job in enumerate(jobs):
+            try:
+                made.append(make(job, output, force, n / len(jobs), 1 / len(jobs)))
+            except Exception as failure:
+                line = told(failure) if names(failure) & OF_ONE_SCENE else None
+                if line is None:
+                    raise
+                complain(line)
+                missing = True
+            else:
+                if not as_json:
+                    say_laws(made[-1]["laws"])
+                    print(made[-1]["folder"], flush=True)
+    finally:
+        # what was made is told even if the rest is not to be
+        if as_json:
+            say_json(made)
+    if missing or any(law["passed"] is False for scene in made for law in scene["laws"]):
+        raise typer.Exit(2 if missing else 1)
+
+
+def make(job: Job, output: Path, force: bool, before: float, share: float) -> dict[str, Any]:
+    """One scene, which is that `share` of the command, with a fraction `before` it already done; what to tell of it."""
+    from .dataset import generate
+
+    name = f"{job.index} {job.specimen.label}"
+    with Progress(name) as progress:
+        folder = generate(
+            job, output, force=force, progress=lambda stage, done: progress(f"{name}: {stage}", before + share * done)
+        )
+    laws = json.loads((folder / "laws.json").read_text(encoding="utf-8"))
+    return {"index": job.index, "label": job.specimen.label, "folder": str(folder), "laws": laws}
+
+
+@app.command()
+def check(
+    which: Annotated[list[str] | None, typer.Argument(metavar="N", help="As for run; all when not given.")] = None,
+    assignments: Set = None,
+    fidelity: FidelityName = "standard",
+    as_json: Json = False,
+) -> None:
+    """Simulate and hold every law against what happened; exit code 1 if one fails."""
+    from .checks import judge_all
+    from .registry import entries, phenomenon
+
+    meant = chosen(which) if which else list(entries())
+    preset = fidelity_named(fidelity)
+    tasks = []
+    for entry in meant:
+        values: dict[str, Any] = {}
+        if assignments:
+            cls = phenomenon(entry.index)
+            values = settings(assignments, cls)
+            cls.make(**values)  # what cannot be shall be said before any work
+        tasks.append((entry.index, values, preset))
+    records, missing = [], []
+    for laws, line in judge_all(tasks, [f"{entry.index} {entry.label}" for entry in meant]):
+        records += laws
+        missing += [line] if line else []
+    if as_json:
+        say_json(records)
+    else:
+        say_laws(records)
+    for line in missing:
+        complain(line)
+    if missing or any(record["passed"] is False for record in records):
+        raise typer.Exit(2 if missing else 1)
+
+
+@app.command()
+def verify(folder: Folder, as_json: Json = False) -> None:
+    """Check a scene folder: checksums, layout, the laws judged anew from what was recorded."""
+    from . import dataset
+
+    with Progress(f"verifying {folder}"):
+        report = dataset.verify(folder)
+    answer(report, as_json, "verified")
+
+
+@app.command()
+def reproduce(folder: Folder, as_json: Json = False) -> None:
+    """Simulate a scene again from its provenance.json alone and compare bit for bit."""
+    from . import dataset
+
+    with Progress(f"reproducing {folder}") as progress:
+        report = dataset.reproduce(folder, progress=progress)
+    answer(report, as_json, "reproduced bit for bit")
+
+
+def answer(report: Report, as_json: bool, praise: str) -> None:
+    """Print what was found in a scene folder; exit code 1 unless all is well."""
+    laws = [verdict.record() for verdict in report.verdicts]
+    if as_json:
+        say_json({"folder": str(report.folder), "ok": report.ok, "problems": report.problems, "laws": laws})
+    else:
+        if laws:
+            say_laws(laws)
+        for problem in report.problems:
+            print(problem)
+        print(f"{report.folder}: {praise if report.ok else 'not ' + praise}")
+    if not report.ok:
+        raise typer.Exit(1)
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Whether this machine is ready, and the line to type where it is not."""
+    from .doctor import examine
+
+    findings = examine()
+    if as_json:
+        say_json([vars(finding) for finding in findings])
+    else:
+        width = max(len(finding.name) for finding in findings)
+        for finding in findings:
+            print(f"{'ok ' if finding.ok else 'ILL'}  {finding.name:<{width}}  {finding.value}")
+            if finding.fix:
+                print(f"     {'':<{width}}  {'better' if finding.ok else 'type'}: {finding.fix}")
+    if not all(finding.ok for finding in findings):
+        raise typer.Exit(1)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line. Exit code: 0; 1 if a law or a check failed; 2 if it could not be done; 130 if stopped."""
+    try:
+        code = app(arguments, prog_name="physinone", standalone_mode=False)
+        sys.stdout.flush()
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except BrokenPipeError:
+        # whoever read the output has enough of it; nor shall the interpreter complain when it flushes
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as failure:
+        line = told(failure)
+        if line is None:
+            raise
+        complain(line)
+        return 2
+    if code == 130:
+        complain("stopped")
+    return int(code or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

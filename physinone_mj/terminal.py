@@ -1,0 +1,151 @@
+"""What the command line says and how: one line for an error, tables, JSON, how far a long command is."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, Self
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+EXPECTED: Final = {
+    "physinone_mj.base.ParameterError",
+    "physinone_mj.checks.ProcessDied",
+    "physinone_mj.dataset.NotAScene",
+    "physinone_mj.registry.UnknownPhenomenon",
+    "render.egl.NoGL",
+    "render.film.WorkerFailed",
+}
+"""Errors that are answers, told in one line; by name, since what is not needed is not imported."""
+
+OF_ONE_SCENE: Final = {
+    "physinone_mj.base.Refusal",
+    "physinone_mj.dataset.SceneExists",
+    "physinone_mj.simulate.UnstableScene",
+    "render.rig.NoClearView",
+}
+"""Those that say nothing about the next scene."""
+
+COLOURS: Final = {"passed": "green", "failed": "bold red", "not evaluated": "yellow"}
+PLAIN_WIDTH: Final = 160
+LINE_EVERY: Final = 5.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+class BadInput(ValueError):
+    """Something typed cannot be: the message says what, its value and what is allowed."""
+
+
+def names(failure: BaseException) -> set[str]:
+    """The full names of its class and of those it derives from."""
+    return {f"{kind.__module__}.{kind.__qualname__}" for kind in type(failure).__mro__}
+
+
+def told(failure: BaseException) -> str | None:
+    """The line for an expected failure; None for one that is a defect of the program."""
+    if isinstance(failure, BadInput) or names(failure) & (EXPECTED | OF_ONE_SCENE):
+        line = str(failure)
+    elif isinstance(failure, OSError):
+        line = f"{failure.filename}: {failure.strerror}" if failure.filename and failure.strerror else str(failure)
+    elif isinstance(failure, ImportError):
+        line = f"{failure}; `physinone doctor` says what is missing"
+    elif hasattr(failure, "format_message") and hasattr(failure, "exit_code"):
+        line = f"{failure.format_message()} (physinone --help)"  # the command line itself was wrong
+    else:
+        return None
+    return " ".join(line.split())
+
+
+def complain(line: str) -> None:
+    """One line on standard error."""
+    print(f"physinone: {line}", file=sys.stderr, flush=True)
+
+
+class Progress:
+    """How far a long command is: a bar on a terminal, a line every few seconds elsewhere; always on standard error."""
+
+    def __init__(self, stage: str) -> None:
+        self._stage, self._begun = stage, time.monotonic()
+        self._last = self._begun
+        self._bar: Any = None
+
+    def __enter__(self) -> Self:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+            self._bar = Bar(*columns, console=Console(stderr=True, markup=False, highlight=False), transient=True)
+            self._bar.add_task(self._stage, total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar:
+            self._bar.stop()
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        """Now at this stage, with that fraction of the whole command done."""
+        now = time.monotonic()
+        if self._bar:
+            self._bar.update(self._bar.task_ids[0], description=stage, total=1.0, completed=fraction)
+        elif now - self._last >= LINE_EVERY:
+            self._last = now
+            left = (now - self._begun) * (1 - fraction) / fraction if fraction > 0 else float("nan")
+            remaining = f", {left:.0f} s left" if left == left else ""
+            print(f"{stage}: {fraction:.0%}{remaining}", file=sys.stderr, flush=True)
+
+
+def say(*things: RenderableType) -> None:
+    """Print to standard output: as wide as the terminal, or wide enough for a table where there is none."""
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
+    Console(width=width, markup=False, highlight=False, emoji=False).print(*things, sep="\n")
+
+
+def say_json(values: Any) -> None:
+    """Print one JSON value to standard output."""
+    print(json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def table(*columns: str, right: Sequence[str] = ()) -> Any:
+    """An empty table; the columns named in `right` hold numbers."""
+    from rich import box
+    from rich.table import Table
+
+    empty = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in columns:
+        empty.add_column(column, justify="right" if column in right else "left", overflow="fold")
+    return empty
+
+
+def say_laws(laws: Sequence[Mapping[str, Any]]) -> None:
+    """Verdicts, as `Verdict.record` gives them: measured, expected, and the reason where it takes words."""
+    from rich.text import Text
+
+    numbers = ("measured", "expected", "error", "tolerance")
+    rows = table("phenomenon", "law", *numbers, "verdict", right=numbers)
+    notes = []
+    for law in laws:
+        unit = f" {law['unit']}" if law["unit"] else ""
+        decided = law["verdict"] != "not evaluated"
+        seen = [figure(law["measured"], ".9g"), figure(law["expected"], ".9g"), figure(law["error"], ".1e") + unit]
+        verdict = Text(law["verdict"], style=COLOURS[law["verdict"]])
+        rows.add_row(f"{law['index']} {law['label']}", law["law"], *(seen if decided else ["", "", ""]),
+                     figure(law["tolerance"], ".1e") + unit, verdict)  # fmt: skip
+        why = [law["reason"]] if law["reason"] else []
+        why += [f"limited by: {law['limited_by']}"] if law["limited_by"] else []
+        notes += [f"{law['index']} {law['law']}: {reason}" for reason in why]
+    counts = [f"{sum(law['verdict'] == kind for law in laws)} {kind}" for kind in COLOURS]
+    say(rows, *notes, f"{len(laws)} laws: {', '.join(counts)}")
+
+
+def figure(value: float | None, form: str) -> str:
+    """A number, or nan where a record has none."""
+    return "nan" if value is None else format(value, form)
