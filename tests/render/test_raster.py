@@ -48,10 +48,13 @@ def test_a_ball_is_where_the_projection_says(size):
             assert len(rows) > 10
             # pixel centres lie at i + 1/2; away from the axis the disc becomes an ellipse, hardly off-centre here
             assert np.hypot(columns.mean() + 0.5 - pixel[0], rows.mean() + 0.5 - pixel[1]) < 0.6
-            column, row = int(pixel[0]), int(pixel[1])
-            ray = np.linalg.norm(centre - pose[:3, 3])
-            nearest = far * (1 - 0.05 / ray)
-            assert depth[row, column] == pytest.approx(nearest, abs=2.5e-3)
+            column, row = pixel.astype(int)
+            ray = back_project(np.ones(size[::-1]), pose, FOV)[row, column] - pose[:3, 3]
+            out = centre - pose[:3, 3]
+            # |t ray - out| = radius, nearer root; t is the planar depth since the ray's is 1
+            a, b, c = ray @ ray, ray @ out, out @ out - 0.05**2
+            assert far - 0.05 < depth[row, column]
+            assert depth[row, column] == pytest.approx((b - math.sqrt(b * b - a * c)) / a, abs=5e-4)
 
 
 def test_the_floor_is_flat_to_a_micrometre_per_metre(crowd):
