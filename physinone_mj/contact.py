@@ -53,7 +53,7 @@ _OPEN: Final = -1e15
 """Target of a row that must not act: no motion is that slow."""
 
 PUSH_OUT: Final = 0.1
-"""Fraction of a penetration taken back in one step; what is taken back becomes speed, so it stays small."""
+"""Fraction of a penetration taken back in one whole step; what is taken back becomes speed, so it stays small."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,7 @@ def _aim(
     target: Array,
     cut: float,
     dt: float,
+    step: float,
     impact: bool,
 ) -> None:
     """Every contact row's target: a change of velocity (impact) or an acceleration over the step dt."""
@@ -181,8 +182,8 @@ def _aim(
         elif speed[i] < -cut:
             target[row] = _OPEN  # about to collide: the impact's business, not this step's
         else:
-            # dist is that of the middle of the step, half a step of motion is left to close the gap
-            target[row] = -normal / dt - 2.0 * (dist[i] if dist[i] > 0.0 else PUSH_OUT * dist[i]) / dt**2
+            # dist is that of the middle of the piece, half of its motion is left to close the gap
+            target[row] = -normal / dt - 2.0 * (dist[i] / dt if dist[i] > 0.0 else PUSH_OUT * dist[i] / step) / dt
         slip = 0.0
         for j in range(1, dim[i]):
             relative = velocity[row + j] - (drive[i, j - 1] if j < 4 else 0.0)
@@ -235,13 +236,13 @@ class Solver:
         self._restitution = np.array([s.restitution for s in pairs])
         self._kinetic = np.array([s.friction for s in pairs])
         self._static = np.array([s.static_friction for s in pairs])
-        self._cut = 0.0
+        self._cut = self._step = 0.0
         self._speed = np.empty(0)
         self._shifts = np.empty(0)
 
     def begin(self, data: Any, dt: float, gravity: float) -> None:
         """Set how far ahead contacts are detected: as far as anything can move in the step."""
-        self._cut = gravity * dt
+        self._cut, self._step = gravity * dt, dt
         m = self._model
         reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
         self._model.pair_margin[:] = max(4 * self._cut * dt, 2 * TOUCH)
@@ -312,7 +313,7 @@ class Solver:
         target = -data.efc_vel if impact else reference.copy()
         _aim(
             c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of,
-            self._restitution, self._kinetic, self._static, data.efc_vel, target, self._cut, dt, impact,
+            self._restitution, self._kinetic, self._static, data.efc_vel, target, self._cut, dt, self._step, impact,
         )  # fmt: skip
         reference[:] = target
         if self._shifts.shape == target.shape:
