@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import re
@@ -172,7 +173,7 @@ def run(
     which: Which,
     assignments: Set = None,
     sample: Annotated[bool, typer.Option("--sample", help="Draw what is not set at random, by the seed.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Cameras, and what --sample draws.")] = 0,
+    seed: Annotated[int, typer.Option(help="Cameras, and what --sample draws.")] = 0,
     fidelity: FidelityName = "standard",
     views: Annotated[int, typer.Option(help="Static cameras; a moving one comes on top.")] = 12,
     size: Annotated[int, typer.Option(help="Pixels per side.")] = 1120,
@@ -189,14 +190,17 @@ def run(
     from .registry import phenomenon
 
     jobs = []
+    preset = fidelity_named(fidelity)
+    wanted = tuple(word.strip() for word in modalities.split(","))
     for entry in chosen(which):
         cls = phenomenon(entry.index)
         values = settings(assignments or (), cls)
         with as_typed():
-            if sample:
-                values = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
-            wanted = tuple(word.strip() for word in modalities.split(","))
-            jobs.append(Job(entry.index, values, fidelity_named(fidelity), seed, views, size, wanted, render))
+            job = Job(entry.index, values, preset, seed, views, size, wanted, render)
+        if sample:
+            drawn = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
+            job = dataclasses.replace(job, parameters=drawn)
+        jobs.append(job)
 
     made: list[dict[str, Any]] = []
     missing = False
