@@ -24,6 +24,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
 
 from . import contact
 from .base import Phenomenon, Refusal, Verdict
@@ -43,6 +44,9 @@ OVERSAMPLING: Final = 8
 _MAX_EVENTS: Final = 1000
 _MAX_STEPS: Final = 20_000_000
 _MAX_MASS_RATIO: Final = 1e4
+_MAX_RATE: Final = 0.5
+"""Largest ω h of a spring, or decay rate × h of a damper, that the step resolves."""
+
 _DISABLE = mujoco.mjtDisableBit
 
 
@@ -93,9 +97,8 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     spec.option.gravity = (0.0, 0.0, -scene.gravity)
     spec.option.timestep = sample / steps
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.integrator = (
-        mujoco.mjtIntegrator.mjINT_IMPLICITFAST if named else mujoco.mjtIntegrator.mjINT_RK4  # the viewer's, with contact
-    )
+    integrators = mujoco.mjtIntegrator
+    spec.option.integrator = integrators.mjINT_IMPLICITFAST if named else integrators.mjINT_RK4  # the viewer's
     model = spec.compile()
     surfaces = tuple(named[model.pair(i).name] for i in range(model.npair))  # the compiler sorts the pairs
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -158,6 +161,34 @@ def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
             names = " and ".join(model.geom(g).name for g in found.geom)
             raise Refusal("R1", f"{specimen.label}: {names} overlap by {-found.dist:.3g} m at the start; "
                           f"allowed: {1e-4 * size:.1g} m")  # fmt: skip
+    stiffest, fastest = _rates(model, data)
+    for rate, what in ((stiffest, "springs"), (fastest, "dampers")):
+        if rate * model.opt.timestep > _MAX_RATE:
+            needed = math.ceil(scene.time * rate / _MAX_RATE)
+            raise Refusal("R4", f"{specimen.label}: {what} of rate {rate:.3g} /s at a step of {model.opt.timestep:.3g} s; "
+                          f"allowed: {_MAX_RATE / model.opt.timestep:.3g} /s, or a fidelity of {needed} steps")  # fmt: skip
+
+
+def _rates(model: Any, data: Any) -> tuple[float, float]:
+    """Highest natural frequency of the springs and decay rate of the dampers at the start [1/s]."""
+    if not (model.jnt_stiffness.any() or model.tendon_stiffness.any() or model.dof_damping.any()
+            or model.tendon_damping.any()):  # fmt: skip
+        return 0.0, 0.0
+    mujoco.mj_fwdVelocity(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    along = np.zeros((model.ntendon, model.nv))
+    for i in range(model.ntendon):
+        row = slice(model.ten_J_rowadr[i], model.ten_J_rowadr[i] + model.ten_J_rownnz[i])
+        along[i, model.ten_J_colind[row]] = data.ten_J[row]
+    joint = np.zeros(model.nv)
+    joint[model.jnt_dofadr] = model.jnt_stiffness
+
+    def largest(dof: Array, tendon: Array) -> float:
+        matrix = np.diag(dof) + along.T @ np.diag(tendon) @ along
+        return float(max(eigh(matrix, mass, eigvals_only=True).max(), 0.0))
+
+    return math.sqrt(largest(joint, model.tendon_stiffness)), largest(model.dof_damping, model.tendon_damping)
 
 
 def _start(model: Any, data: Any, scene: Scene) -> None:
@@ -184,15 +215,19 @@ class Stepper:
         self._pushes = [effect.bind(self.model) for effect in compiled.scene.effects]
         self._contacts = contact.Solver(self.model, compiled.pairs) if compiled.pairs else None
         self._sample = 0
+        self._warned: list[str] = []
         _forward(self.model, self.data)
 
     def __enter__(self) -> Stepper:
+        # without a listener MuJoCo writes MUJOCO_LOG.TXT wherever it runs
+        mujoco.set_mju_user_warning(self._warned.append)
         if self._pushes:
             mujoco.set_mjcb_passive(self._push)
         return self
 
     def __exit__(self, *_: object) -> None:
         mujoco.set_mjcb_passive(None)
+        mujoco.set_mju_user_warning(None)
 
     def _push(self, _model: Any, data: Any) -> None:
         data.xfrc_applied[:] = 0.0
@@ -215,7 +250,7 @@ class Stepper:
         if not data.time > before:
             raise UnstableScene(compiled.specimen, before, f"time went from {before} to {data.time}")
         # counted, not summed: the clock of sample n is the same double whatever the steps were
-        data.time = self._sample * compiled.steps * compiled.step
+        data.time = self._sample / (compiled.scene.fps * compiled.stride)
 
     def inspect(self) -> None:
         """UnstableScene if the state is not finite or MuJoCo warned."""
@@ -225,7 +260,8 @@ class Stepper:
                 raise UnstableScene(self.compiled.specimen, data.time, f"{name} is not finite")
         if data.warning.number.any():
             kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(data.warning.number)[0]]
-            raise UnstableScene(self.compiled.specimen, data.time, f"MuJoCo warned: {', '.join(kinds)}")
+            said = self._warned[0].strip() if self._warned else "(nothing)"
+            raise UnstableScene(self.compiled.specimen, data.time, f"MuJoCo warned: {', '.join(kinds)}: {said}")
 
     def _step(self) -> None:
         solver, model, data = self._contacts, self.model, self.data

@@ -1,0 +1,154 @@
+"""What every phenomenon declares, and that it is found."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from physinone_mj import annotate
+from physinone_mj.base import Choice, Param
+from physinone_mj.fidelity import DRAFT, REFERENCE
+from physinone_mj.registry import UnknownPhenomenon, entries, find, phenomenon
+from physinone_mj.simulate import build
+
+from .conftest import nominal
+
+each = pytest.mark.parametrize("index", [e.index for e in entries()])
+
+LABELS = (
+    "MovingHitsFixed MovingHitsStationary MovingHitsMoving WindGravityBalance WindPushStationary WindPushSameDir "
+    "WindPushOppDir WindDeflectMotion ObliqueProjectile VerticalFall RollDownSlope RollUpSlope MagnetAttract "
+    "MagnetRepel UniformPanelSpin AccelPanelSpin UniformConcaveSpin AccelConcaveSpin UniformSurfaceSpin "
+    "AccelSurfaceSpin FrictionStop SpringCompress SpringStretch ImpactFracture MirrorFragmentReflect ElasticCouple "
+    "SpringboardRebound SeesawCenterPivot SeesawOffsetPivot BalloonFloat BalloonTether BalloonLift FixedPlanarRedirect "
+    "FixedArrayRedirect FixedConcaveRedirect FixedConvexRedirect DynMirrorRedirect LaserBlock MirrorReflect CartMove "
+    "RotTurnableInertia RotBoardInertia LinCarryInertia CatapultLaunch ChainSuspend SimplePendulum DoublePendulum "
+    "CrankPush BlockWallCollapse StickSupportFail FloatOnLiquid DropInLiquid MovingObjDriveLiquid "
+    "LiquidCarryMovingObj LiquidHitFixedObj LiquidTransfer LiquidMultiTransfers LiquidThroughGrid LiquidAcrossUneven "
+    "LiquidRise LiquidAlongContours JetLiquid LiquidTension LiquidRefraction StickyToObjects StickyFromObjects "
+    "ElasticFall PlasticineFall NewtonianFluidFall NonNewtonianFluidFall GranularFall"
+).split()
+"""The released dataset's 71 labels, in the order of the paper's Table 8."""
+
+
+@each
+def test_label_is_the_release_s(index: int) -> None:
+    assert find(index).label == phenomenon(index).label == LABELS[index - 1]
+    assert phenomenon(LABELS[index - 1]) is phenomenon(index)
+
+
+@each
+def test_what_is_read_is_what_is_run(index: int) -> None:
+    entry, cls = find(index), phenomenon(index)
+    assert (entry.index, entry.title, entry.domain) == (cls.index, cls.title, cls.domain)
+    assert entry.title
+
+
+@each
+def test_nominal_values_lie_inside_their_ranges(index: int) -> None:
+    cls = phenomenon(index)
+    specimen = cls.make()
+    for name, (param, kind) in cls.declarations().items():
+        assert param.about
+        if isinstance(param, Param):
+            assert param.low < param.high
+            assert param.low <= getattr(specimen, name) <= param.high
+            assert isinstance(getattr(specimen, name), kind)
+        else:
+            assert isinstance(param, Choice)
+            assert getattr(specimen, name) in param.words
+
+
+@each
+def test_laws_and_observables_say_where_they_come_from(index: int) -> None:
+    cls = phenomenon(index)
+    assert cls.laws()
+    assert cls.observables()
+    for law in cls.laws().values():
+        assert law.equation
+        assert any(c.isdigit() for c in law.source), f"{law.name}: source without a section or equation number"
+    for seen in cls.observables().values():
+        assert seen.unit
+        assert seen.about
+
+
+@each
+def test_observables_are_recorded_over_time(index: int) -> None:
+    run = nominal(index, DRAFT)
+    for seen in run.specimen.observables().values():
+        values = np.asarray(seen.measure(run.specimen, run))
+        assert len(values) == len(run), seen.name
+        assert np.isfinite(values).all(), seen.name
+
+
+@each
+def test_every_object_says_what_it_is_made_of(index: int) -> None:
+    run = nominal(index, DRAFT)
+    things = annotate.things(run)
+    assert [t.id for t in things] == list(range(1, len(things) + 1))
+    for thing in things:
+        assert 1.0 <= thing.matter.density <= 22600.0, thing
+    stage = [i for i in range(run.model.ngeom) if run.model.geom(i).name.startswith("stage/")]
+    assert not annotate.geom_ids(run)[stage].any()
+
+
+@each
+def test_moving_bodies_have_their_frame_at_the_centre_of_mass(index: int) -> None:
+    model = nominal(index, DRAFT).model
+    moving = np.flatnonzero(model.body_weldid != 0)
+    assert np.abs(model.body_ipos[moving]).max(initial=0.0) < 1e-9
+
+
+@each
+def test_motion_takes_place_above_the_floor_and_within_reach(index: int) -> None:
+    run = nominal(index, DRAFT)
+    moving = np.flatnonzero(run.model.body_weldid != 0)
+    places = run.motion.position[:, moving]
+    assert places[..., 2].min() > 0
+    assert np.ptp(places.reshape(-1, 3), axis=0).max() < 15
+
+
+@each
+def test_caption_reads_like_the_release_s(index: int) -> None:
+    run = nominal(index, DRAFT)
+    caption = run.specimen.caption(run)
+    assert 40 <= len(caption.split()) <= 110
+    assert "\n" not in caption
+    assert caption.endswith(".")
+
+
+@each
+def test_the_scene_is_between_two_and_fifteen_seconds(index: int) -> None:
+    scene = build(phenomenon(index).make())
+    assert 2 <= scene.duration <= 15
+    assert scene.fps == 30
+
+
+@each
+def test_same_seed_same_bytes(index: int) -> None:
+    run = nominal(index, DRAFT)
+    again = run.again()
+    for name in ("t", "qpos", "qvel"):
+        assert getattr(run, name).tobytes() == getattr(again, name).tobytes()
+
+
+@each
+def test_recorded_eight_times_a_frame_whatever_the_fidelity(index: int) -> None:
+    coarse = nominal(index, DRAFT)
+    assert coarse.stride >= 8
+    assert np.allclose(np.diff(coarse.t), 1 / (coarse.scene.fps * coarse.stride), rtol=1e-9)
+    finer = dataclasses.replace(REFERENCE, name="finer", steps=DRAFT.steps * 2)
+    assert coarse.step >= nominal(index, finer).step
+    assert len(coarse) == len(nominal(index, finer))
+
+
+def test_unknown_index_names_those_there_are() -> None:
+    with pytest.raises(UnknownPhenomenon, match=r"no phenomenon 99; there are: .*46"):
+        find(99)
+
+
+def test_unknown_label_names_the_nearest() -> None:
+    with pytest.raises(UnknownPhenomenon, match="did you mean SimplePendulum"):
+        find("simplependulm")
