@@ -165,8 +165,9 @@ def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
     for rate, what in ((stiffest, "springs"), (fastest, "dampers")):
         if rate * model.opt.timestep > _MAX_RATE:
             needed = math.ceil(scene.time * rate / _MAX_RATE)
-            raise Refusal("R4", f"{specimen.label}: {what} of rate {rate:.3g} /s at a step of {model.opt.timestep:.3g} s; "
-                          f"allowed: {_MAX_RATE / model.opt.timestep:.3g} /s, or a fidelity of {needed} steps")  # fmt: skip
+            step = model.opt.timestep
+            raise Refusal("R4", f"{specimen.label}: {what} of rate {rate:.3g} /s at a step of {step:.3g} s; "
+                          f"allowed: {_MAX_RATE / step:.3g} /s, or a fidelity of {needed} steps")  # fmt: skip
 
 
 def _rates(model: Any, data: Any) -> tuple[float, float]:

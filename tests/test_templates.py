@@ -37,4 +37,5 @@ def test_everything_can_be_overwritten_by_name(path: Path) -> None:
     assert all(model.geom(i).name for i in range(model.ngeom))
     assert all(model.joint(i).name for i in range(model.njnt))
     assert all(model.body(i).name for i in range(model.nbody))
-    assert not model.geom_contype.any() and not model.geom_conaffinity.any(), "contact is declared, pair by pair"
+    assert not model.geom_contype.any(), "contact is declared, pair by pair"
+    assert not model.geom_conaffinity.any()
