@@ -45,7 +45,7 @@ TOUCH: Final = 1e-9
 IMPEDANCE: Final = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """MuJoCo's solimp at its stiffest; what softness is left is taken out by `_shift`."""
 
-_MAX_SHIFTS: Final = 500
+_MAX_SHIFTS: Final = 2000
 _SETTLED: Final = 1e-12
 """The references have settled when none moves a velocity by more than this [m/s]."""
 
