@@ -49,11 +49,23 @@ _MAX_SHIFTS: Final = 2000
 _SETTLED: Final = 1e-12
 """The references have settled when none moves a velocity by more than this [m/s]."""
 
+_CLOSE: Final = 1e-5
+_PATIENCE: Final = 10
+"""Several contacts of one face can share a load in many ways, and their targets disagree by what the face turns in a
+step: then the references drift on along a direction in which nothing moves. They count as settled, too, when they are
+this close [m/s] and no nearer by half after this many solutions."""
+
 _OPEN: Final = -1e15
 """Target of a row that must not act: no motion is that slow."""
 
 PUSH_OUT: Final = 0.1
 """Fraction of a penetration taken back in one whole step; what is taken back becomes speed, so it stays small."""
+
+_LEAST_RELAX: Final = 1 / 8
+
+NEAR: Final = 1e-7
+"""Gaps up to this [m] are closed at the pace at which penetrations are taken back: the corners of a resting face, some
+of them a hair above and some below, then agree on how it moves."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +195,8 @@ def _aim(
             target[row] = _OPEN  # about to collide: the impact's business, not this step's
         else:
             # dist is that of the middle of the piece, half of its motion is left to close the gap
-            target[row] = -normal / dt - 2.0 * (dist[i] / dt if dist[i] > 0.0 else PUSH_OUT * dist[i] / step) / dt
+            open_, shut = max(dist[i] - NEAR, 0.0), min(dist[i], NEAR)
+            target[row] = -normal / dt - 2.0 * (open_ / dt + PUSH_OUT * shut / step) / dt
         slip = 0.0
         for j in range(1, dim[i]):
             relative = velocity[row + j] - (drive[i, j - 1] if j < 4 else 0.0)
@@ -203,8 +216,9 @@ def _shift(
     reached: Array,
     target: Array,
     reference: Array,
+    relax: float,
 ) -> float:
-    """Move the reference to target + R f - μ|c_t| n̂; returns how far the furthest row moved."""
+    """Move the reference (by a fraction `relax`) to target + R f - μ|c_t| n̂; returns how far the furthest row is."""
     moved = 0.0
     slipping = np.zeros(reference.shape[0])
     for i in range(address.shape[0]):
@@ -218,7 +232,7 @@ def _shift(
         if target[row] > _OPEN:
             shifted = target[row] + regulariser[row] * force[row] - slipping[row]
             moved = max(moved, abs(shifted - reference[row]))
-            reference[row] = shifted
+            reference[row] += relax * (shifted - reference[row])
     return moved
 
 
@@ -238,7 +252,7 @@ class Solver:
         self._static = np.array([s.static_friction for s in pairs])
         self._cut = self._step = 0.0
         self._speed = np.empty(0)
-        self._shifts = np.empty(0)
+        self._shifts = self._trend = np.empty(0)
 
     def begin(self, data: Any, dt: float, gravity: float) -> None:
         """Set how far ahead contacts are detected: as far as anything can move in the step."""
@@ -265,6 +279,7 @@ class Solver:
         data.qacc_warmstart[:] = 0.0
         self._shifts = np.empty(0)
         self._solve(data, 1.0, impact=True)
+        self._shifts = self._trend = np.empty(0)
         data.qvel += data.qacc
         data.qacc_warmstart[:] = warm
         return self._report(data)
@@ -317,14 +332,27 @@ class Solver:
         )  # fmt: skip
         reference[:] = target
         if self._shifts.shape == target.shape:
-            reference += self._shifts * (target > _OPEN)
+            # slip changes evenly under constant forces: what the shift was going to be is mostly known
+            ahead = self._shifts + self._trend if self._trend.shape == target.shape else self._shifts
+            reference += ahead * (target > _OPEN)
         reached = np.empty(len(target))
+        nearest, waited, relax = np.inf, 0, 1.0
         for _ in range(_MAX_SHIFTS):
             mujoco.mj_fwdConstraint(model, data)
             data.qacc_warmstart[:] = data.qacc
             mujoco.mj_mulJacVec(model, data, reached, data.qacc)
-            if _shift(address, dim, friction, regulariser, force, reached, target, reference) * dt < _SETTLED:
+            moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax) * dt
+            if moved < _SETTLED:
                 break
+            if moved < nearest / 2:
+                nearest, waited = moved, 0
+            waited += 1
+            if waited > _PATIENCE:
+                if nearest < _CLOSE:
+                    break
+                waited, relax = 0, relax / 2 if relax > _LEAST_RELAX else 1.0  # it may go round in circles
         else:
             raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
-        self._shifts = reference - target
+        shifts = reference - target
+        self._trend = shifts - self._shifts if self._shifts.shape == shifts.shape else np.empty(0)
+        self._shifts = shifts
