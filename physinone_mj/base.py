@@ -37,8 +37,11 @@ class Refusal(ValueError):
     """
 
     def __init__(self, rule: str, message: str) -> None:
-        super().__init__(f"{rule}: {message}")
+        super().__init__(rule, message)
         self.rule = rule
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}: {self.args[1]}"
 
 
 class NotEvaluated(Exception):

@@ -11,8 +11,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-from .base import Phenomenon
+if TYPE_CHECKING:
+    from .base import Phenomenon
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,18 @@ def entries() -> tuple[Entry, ...]:
     return tuple(sorted((_read(path) for path in ours.glob("p*_*.py")), key=lambda e: e.index))
 
 
+# a module may be long; what it is called is said in its first lines, as far as its class's docstring
+_HEADER = re.compile(r'^class \w+\([^)]*\bdomain\b[^)]*\):\s+(?:"""|\'\'\')[^\n]*', re.MULTILINE)
+
+
 def _read(path: Path) -> Entry:
     number = re.match(r"p(\d+)_", path.name)
     assert number
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    text = path.read_text(encoding="utf-8")
+    header = _HEADER.search(text)
+    if header:
+        text = header[0].rstrip("\"'") + '"""'
+    for node in ast.parse(text).body:
         if isinstance(node, ast.ClassDef) and any(k.arg == "domain" for k in node.keywords):
             given = {k.arg: ast.literal_eval(k.value) for k in node.keywords}
             title = (ast.get_docstring(node) or "").partition("\n")[0].rstrip(".")
@@ -74,6 +84,8 @@ def find(which: int | str) -> Entry:
 
 def phenomenon(which: int | str) -> type[Phenomenon]:
     """The class of a phenomenon, by index or label; UnknownPhenomenon names the nearest there is."""
+    from .base import Phenomenon
+
     entry = find(which)
     module: ModuleType = importlib.import_module(entry.module)
     for value in vars(module).values():

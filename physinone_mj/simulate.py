@@ -54,9 +54,12 @@ class UnstableScene(RuntimeError):
     """A run that broke: phenomenon, parameters, time [s] and the quantity that went wrong. Never data."""
 
     def __init__(self, specimen: Phenomenon, time: float, quantity: str) -> None:
-        given = json.dumps(specimen.values())[1:-1]
-        super().__init__(f"{specimen.label}({given}) broke at t = {time:.6g} s: {quantity}")
+        super().__init__(specimen, time, quantity)
         self.specimen, self.time, self.quantity = specimen, time, quantity
+
+    def __str__(self) -> str:
+        given = json.dumps(self.specimen.values())[1:-1]
+        return f"{self.specimen.label}({given}) broke at t = {self.time:.6g} s: {self.quantity}"
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
@@ -106,6 +107,7 @@ def test_an_unstable_run_says_who_when_and_what(trouble: str) -> None:
     with pytest.raises(UnstableScene, match=rf'Toy\("trouble": "{trouble}".*\) broke at t = 0\.2.* s: ') as broke:
         simulate(Toy, trouble=trouble, fidelity=DRAFT)
     assert 0.2 <= broke.value.time <= 0.2 + 2 / 30
+    assert str(pickle.loads(pickle.dumps(broke.value))) == str(broke.value)
     assert mujoco.get_mjcb_passive() is None
 
 
