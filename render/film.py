@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
-from render.raster import Coil, Raster
+from render.raster import Coil, Free, Raster, Still, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 
 Array = NDArray[np.float64]
@@ -49,6 +49,9 @@ OCCLUDED = 0.5
 """A subject is occluded when less than this fraction of its pixels is seen."""
 FEW = 6
 """A subject of fewer trial pixels than this is judged over all frames together, not in each."""
+
+FEWEST_FOR_STILLS = 8
+"""From this many frames on, standing cameras draw what never moves once."""
 
 BACKLOG = 6
 """Pictures that may wait for their encoder in one process; 10 MB each at most at full size."""
@@ -146,10 +149,8 @@ class Footage:
 
 
 def movable(model: mujoco.MjModel, ids: ArrayLike) -> frozenset[int]:
-    """Segmentation ids above 0 of geoms on bodies that can move: with a joint above them, or mocap."""
-    roots = model.body_rootid[model.geom_bodyid]
-    moves = (model.body_weldid[model.geom_bodyid] != 0) | (model.body_mocapid[roots] >= 0)
-    return frozenset(int(i) for i in np.unique(np.asarray(ids)[moves]) if i > 0)
+    """Segmentation ids above 0 of the geoms that can move."""
+    return frozenset(int(i) for i in np.unique(np.asarray(ids)[moving_geoms(model)]) if i > 0)
 
 
 def swept_sphere(
@@ -170,18 +171,17 @@ def swept_sphere(
         ids: (ngeom,) segmentation ids.
         mocap_pos: (T, nmocap, 3) or None.
         mocap_quat: (T, nmocap, 4) or None.
-        subject: segmentation ids to hold; None is what can move.
+        subject: segmentation ids to hold; None is all above 0, whether they move or stand. Planes have no box.
         margin: fraction added to the radius.
 
     Raises:
         ValueError: the subject has no geom.
     """
-    chosen = np.flatnonzero(np.isin(ids, list(movable(model, ids) if subject is None else subject)))
+    wanted = np.asarray(ids) > 0 if subject is None else np.isin(ids, list(subject))
+    chosen = np.flatnonzero(wanted & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE.value))
     if len(chosen) == 0:
         raise ValueError("no geom has an id of the subject: nothing to film")
     data = mujoco.MjData(model)
-    corners = np.array(list(itertools.product((-1, 1), repeat=3)))
-    boxes = model.geom_aabb[chosen, None, :3] + corners * model.geom_aabb[chosen, None, 3:]
     points = []
     for frame in _sample(len(qpos), 128):
         data.qpos[:] = qpos[frame]
@@ -190,8 +190,7 @@ def swept_sphere(
         if mocap_quat is not None:
             data.mocap_quat[:] = mocap_quat[frame]
         mujoco.mj_kinematics(model, data)
-        turned = np.einsum("gij,gcj->gci", data.geom_xmat[chosen].reshape(-1, 3, 3), boxes)
-        points.append((data.geom_xpos[chosen, None] + turned).reshape(-1, 3))
+        points.append(geom_corners(model, data, chosen))
     return event_sphere(np.concatenate(points), margin=margin)
 
 
@@ -304,14 +303,17 @@ def _plan(
 
 def _draw(footage: Footage, folder: Path, frames: range, report: Callable[[int], None]) -> Info:
     with footage.raster(footage.size) as raster, _encoder() as encode:
+        # decided by the whole footage, not by this part of it: else pictures would depend on the number of workers
+        worthwhile = len(footage.qpos) >= FEWEST_FOR_STILLS and raster.separable()
+        stills = {view.name: Still(raster, view.poses) for view in footage.views if worthwhile and view.poses.ndim == 2}
         for frame in frames:
             footage.put(raster, frame)
             for view in footage.views:
-                pose, place = view.at(frame), folder / view.name
+                camera, place = stills.get(view.name) or Free(raster, view.at(frame)), folder / view.name
                 if "rgb" in footage.modalities:
-                    encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", raster.colour(pose))
+                    encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", camera.colour())
                 if footage.modalities & {"depth", "seg"}:
-                    depth, seg = raster.depth_and_segmentation(pose)
+                    depth, seg = camera.depth_and_segmentation()
                     if "depth" in footage.modalities:
                         encode(write_depth, place / "depth" / f"{frame:04d}.npz", depth)
                     if "seg" in footage.modalities:

@@ -4,6 +4,9 @@ Classic MuJoCo rendering with two contexts. Colour is multisampled and shadowed.
 from one pass without multisampling: read from a multisampled pass, depth is off by 2 mm in the median and by more than
 5 cm along edges, where samples of two surfaces are mixed.
 
+A standing camera sees most of its picture stand still: :class:`Still` draws what never moves once, and then only the
+window in which something moves or casts a moving shadow.
+
 Geom groups: 3 is never drawn (collision proxies); 4 is drawn in colour alone (beams, wind, field arrows: what is not
 matter); all others are matter. Sites are never drawn.
 """
@@ -14,7 +17,8 @@ import copy
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from itertools import pairwise
+from functools import cached_property
+from itertools import pairwise, product
 from types import TracebackType
 from typing import Self
 
@@ -25,20 +29,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from render.egl import Context
 from render.encode import SKY
-from render.rig import FOV, Sphere
+from render.rig import FOV, Sphere, focal, project
 
 HIDDEN, IMMATERIAL = 3, 4
 LAST_ID = 254
 NEAR, FAR = 0.02, 60.0
 """Clipping planes in radii of the event sphere; the reversed 32-bit depth buffer resolves 1e-6 of the distance."""
 
-SHADOW_REACH = 2.5
+SHADOW_REACH = 2.0
 """Half the width of the shadow map, in radii of the event sphere."""
 
-FACETS = 150_000
-"""Triangles that all round primitives together may take; decides how finely each is tessellated."""
+TEXELS = 2.7
+"""Texels of the shadow map per pixel of the picture: edges of shadows are then about as fine as those of things."""
 
-SEGMENTS_PER_TURN = 14
+FACETS = 60_000
+"""Facets that all round primitives together may take; decides how finely each is tessellated."""
+
+SEGMENTS_PER_TURN = 12
+
+PAD, ALIGN = 8, 8
+"""A window is wider than what moves by PAD on each side, for soft shadow edges, and starts at a multiple of ALIGN,
+so that a texture is filtered over the same blocks of pixels as in the whole picture [pixel]."""
+
+WORTHWHILE = 0.7
+"""A window larger than this fraction of the picture is not worth cutting out."""
+
+Window = tuple[int, int, int, int]
+"""Left, top, width, height [pixel]."""
 
 AMBIENT, FRONTAL = (0.42, 0.42, 0.43), (0.16, 0.16, 0.16)
 """Light from everywhere and from the camera. With the haze, they repeat the `visual` element of stage.xml, which a
@@ -108,7 +125,7 @@ class Raster:
         tendon_ids: (ntendon,) segmentation ids; a tendon without one is drawn in colour alone. None is all 0.
         coils: springs drawn in place of their tendons.
         samples: multisamples of the colour picture; 0 is none.
-        shadow: width of the shadow map [texel]; 0 is no shadows.
+        shadow: width of the shadow map [texel]; 0 is no shadows, None suits the picture: 3072 for one of 1120 pixels.
 
     Raises:
         NoGL: there is no driver.
@@ -126,7 +143,7 @@ class Raster:
         tendon_ids: ArrayLike | None = None,
         coils: Collection[Coil] = (),
         samples: int = 4,
-        shadow: int = 2048,
+        shadow: int | None = None,
     ) -> None:
         self.size, self.fov, self.sphere, self.coils = size, fov, sphere, tuple(coils)
         self._ids = _checked(ids, model.ngeom, "ids")
@@ -137,17 +154,22 @@ class Raster:
         self._ends = [_end_sites(model, coil.tendon) for coil in self.coils]
         self._model.tendon_group[:] = np.where(self._tendon_ids > 0, 0, IMMATERIAL)
         self._model.tendon_group[[coil.tendon for coil in self.coils]] = HIDDEN
+        self._tendon_groups = self._model.tendon_group.copy()
         # a floor shadows nothing above it, and as a caster it speckles itself
         casts_none = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value) | (model.geom_group == IMMATERIAL)
         self._model.geom_castshadow[casts_none] = 0
         self._groups = self._model.geom_group.copy()
         self._data = mujoco.MjData(self._model)
         self._wires: list[tuple[Coil, NDArray[np.float64]]] = []
+        self._hidden_coils: frozenset[int] = frozenset()
+        self._moving = moving_geoms(model)
+        self._reach: NDArray[np.float64] | None = None
 
         segments = sum(len(coil.helix) for coil in self.coils)
         self._set_scales(segments)
         self._context = Context()
-        self._colour = self._buffers(samples, shadow)
+        suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
+        self._colour = self._buffers(samples, suited if shadow is None else shadow)
         self._matter = self._buffers(0, 0)
         room = model.ngeom + segments + 64 * model.ntendon + 1000
         self._colour_scene, self._matter_scene = (mujoco.MjvScene(self._model, maxgeom=room) for _ in range(2))
@@ -162,7 +184,7 @@ class Raster:
         self._colour_options, self._matter_options = _options(HIDDEN), _options(HIDDEN, IMMATERIAL)
         self._eye = mujoco.MjvCamera()
         self._eye.type = mujoco.mjtCamera.mjCAMERA_USER
-        self._rect = mujoco.MjrRect(0, 0, *size)
+        self._slots = {id(scene): scene.geoms for scene in (self._colour_scene, self._matter_scene)}
         self._lut: NDArray[np.uint8] | None = None
         self.pose(self._data.qpos)
 
@@ -183,25 +205,24 @@ class Raster:
             (coil, coil.wind(data.site_xpos[first], data.site_xpos[last]))
             for coil, (first, last) in zip(self.coils, self._ends, strict=True)
         ]
-        self._lut = None
+        self._lut = self._reach = None
 
-    def colour(self, pose: ArrayLike) -> NDArray[np.uint8]:
-        """The (H, W, 3) RGB picture from a camera pose (4, 4)."""
-        scene, buffers = self._colour_scene, self._colour
-        self._render(pose, scene, buffers, self._colour_options)
-        pixels = np.empty((self.size[1], self.size[0], 3), np.uint8)
-        mujoco.mjr_readPixels(pixels, None, self._rect, buffers)
+    def colour(self, pose: ArrayLike, window: Window | None = None) -> NDArray[np.uint8]:
+        """The (H, W, 3) RGB picture from a camera pose (4, 4), or the part of it inside a window."""
+        rect = self._render(pose, window, self._colour_scene, self._colour, self._colour_options)
+        pixels = np.empty((rect.height, rect.width, 3), np.uint8)
+        mujoco.mjr_readPixels(pixels, None, rect, self._colour)
         return np.asarray(cv2.flip(pixels, 0), dtype=np.uint8)
 
-    def depth_and_segmentation(self, pose: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Planar depth (H, W) [m], SKY where nothing is hit, and ids (H, W), from a camera pose (4, 4)."""
-        scene, buffers = self._matter_scene, self._matter
-        self._render(pose, scene, buffers, self._matter_options)
+    def depth_and_segmentation(
+        self, pose: ArrayLike, window: Window | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Planar depth (H, W) [m], SKY where nothing is hit, and ids (H, W), from a camera pose (4, 4), or a part."""
+        rect = self._render(pose, window, self._matter_scene, self._matter, self._matter_options)
         if self._lut is None:
-            self._lut = self._ids_by_colour(scene)
-        pixels = np.empty((self.size[1], self.size[0], 3), np.uint8)
-        z = np.empty((self.size[1], self.size[0]), np.float32)
-        mujoco.mjr_readPixels(pixels, z, self._rect, buffers)
+            self._lut = self._ids_by_colour(self._matter_scene)
+        pixels, z = np.empty((rect.height, rect.width, 3), np.uint8), np.empty((rect.height, rect.width), np.float32)
+        mujoco.mjr_readPixels(pixels, z, rect, self._matter)
         shown = cv2.flip(pixels, 0)
         if len(self._lut) <= 256:
             table = np.zeros(256, np.uint8)
@@ -213,11 +234,57 @@ class Raster:
         return self._metres(z), np.asarray(seg, dtype=np.uint8)
 
     def show_only(self, ids: Collection[int] | None) -> None:
-        """Hide all geoms whose id is not in `ids`, in every later picture; None shows all again."""
-        self._model.geom_group[:] = self._groups
-        if ids is not None:
-            self._model.geom_group[~np.isin(self._ids, list(ids))] = HIDDEN
-        self._lut = None
+        """Hide all whose segmentation id is not in `ids`, in every later picture; None shows all again."""
+        if ids is None:
+            self._show(np.ones(len(self._ids), bool), np.ones(len(self._tendon_ids), bool), self.coils)
+        else:
+            wanted = list(ids)
+            coils = [coil for coil in self.coils if coil.segmentation in ids]
+            self._show(np.isin(self._ids, wanted), np.isin(self._tendon_ids, wanted), coils)
+
+    def show_static(self) -> None:
+        """Hide all that can move, in every later picture, until `show_only(None)`."""
+        self._show(~self._moving, np.zeros(len(self._tendon_ids), bool), ())
+
+    def separable(self) -> bool:
+        """Whether what moves changes the picture only where it is and where its shadow can fall.
+
+        Not so with mirrors, with shadows of lamps or of moving or grazing lights, with tilted or moving planes, and
+        not known of skins and deformables.
+        """
+        model = self._model
+        casting = model.light_castshadow.astype(bool)
+        sunlit = (model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL.value) & (
+            model.body_weldid[model.light_bodyid] == 0
+        )
+        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
+        return bool(
+            not model.nflex
+            and not model.nskin
+            and not model.mat_reflectance.any()
+            and np.all(sunlit[casting])
+            and np.all(self._data.light_xdir[casting, 2] < -0.2)
+            and not np.any(self._moving[plane])
+            and np.all(self._data.geom_xmat[plane, 8] > 0.9999)
+        )
+
+    def window(self, pose: ArrayLike) -> Window | None:
+        """Where the picture from a pose (4, 4) differs from one without what can move; None if nearly everywhere.
+
+        Only of use if :meth:`separable`.
+        """
+        if self._reach is None:
+            self._reach = self._moving_extent()
+        pixels, depth = project(self._reach, pose, self.fov, self.size)
+        if depth.max(initial=0) <= 0:
+            return 0, 0, *np.minimum(ALIGN, self.size).tolist()
+        if depth.min() < 2 * NEAR * self.sphere.radius:
+            return None
+        size = np.array(self.size)
+        low = np.clip(pixels.min(axis=0) - PAD, 0, size - 1) // ALIGN * ALIGN
+        high = np.minimum(-(-np.clip(pixels.max(axis=0) + PAD, 1, size) // ALIGN) * ALIGN, size)
+        left, top, width, height = (int(i) for i in (*low, *np.maximum(high - low, 1)))
+        return (left, top, width, height) if width * height < WORTHWHILE * size.prod() else None
 
     def info(self) -> dict[str, str | bool]:
         """What draws: see :meth:`render.egl.Context.info`."""
@@ -248,7 +315,8 @@ class Raster:
         head = model.vis.headlight
         head.ambient, head.diffuse, head.specular = AMBIENT, FRONTAL, (0.0, 0.0, 0.0)
         model.vis.global_.offwidth, model.vis.global_.offheight = self.size
-        round_geoms = int(np.isin(model.geom_type, ROUND).sum()) + segments
+        # a piece of thin wire counts for half a geom: else a spring would make its weight a polygon
+        round_geoms = int(np.isin(model.geom_type, ROUND).sum()) + segments / 2
         slices = int(np.clip(math.sqrt(FACETS / max(round_geoms, 1)), 12, 64))
         model.vis.quality.numslices, model.vis.quality.numstacks = slices, slices // 2
 
@@ -259,38 +327,77 @@ class Raster:
         return buffers
 
     def _render(
-        self, pose: ArrayLike, scene: mujoco.MjvScene, buffers: mujoco.MjrContext, options: mujoco.MjvOption
-    ) -> None:
+        self,
+        pose: ArrayLike,
+        window: Window | None,
+        scene: mujoco.MjvScene,
+        buffers: mujoco.MjrContext,
+        options: mujoco.MjvOption,
+    ) -> mujoco.MjrRect:
+        """Draw into the lower left corner of the buffers; returns the rectangle drawn."""
+        left, top, width, height = window or (0, 0, *self.size)
         matrix = np.asarray(pose, dtype=np.float64)
-        radius = self.sphere.radius
-        near, half = NEAR * radius, NEAR * radius * math.tan(self.fov / 2)
+        near = NEAR * self.sphere.radius
+        pixel = near / focal(self.fov, self.size)
         for eye in scene.camera:
             eye.pos, eye.forward, eye.up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
-            eye.frustum_near, eye.frustum_far = near, FAR * radius
-            eye.frustum_center, eye.frustum_width = 0, half
-            eye.frustum_top = half * self.size[1] / self.size[0]
-            eye.frustum_bottom = -eye.frustum_top
+            eye.frustum_near, eye.frustum_far = near, FAR * self.sphere.radius
+            eye.frustum_center, eye.frustum_width = (left + width / 2 - self.size[0] / 2) * pixel, width / 2 * pixel
+            eye.frustum_top = (self.size[1] / 2 - top) * pixel
+            eye.frustum_bottom = (self.size[1] / 2 - top - height) * pixel
             eye.orthographic = 0
         # after the camera: infinite planes and the head light follow it
         mujoco.mjv_updateScene(
             self._model, self._data, options, None, self._eye, mujoco.mjtCatBit.mjCAT_ALL.value, scene
         )
         for coil, wire in self._wires:
-            _draw_wire(scene, coil, wire)
+            if coil.tendon not in self._hidden_coils:
+                _draw_wire(scene, self._slots[id(scene)], coil, wire)
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
-        mujoco.mjr_render(self._rect, scene, buffers)
+        rect = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(rect, scene, buffers)
+        return rect
+
+    def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Coil]) -> None:
+        self._model.geom_group[:] = np.where(geoms, self._groups, HIDDEN)
+        self._model.tendon_group[:] = np.where(tendons, self._tendon_groups, HIDDEN)
+        self._hidden_coils = frozenset(coil.tendon for coil in self.coils if coil not in coils)
+        self._lut = None
+
+    def _moving_extent(self) -> NDArray[np.float64]:
+        """Points (N, 3) [m] whose hull holds all that can move and all its shadows."""
+        model, data = self._model, self._data
+        seen = self._groups != HIDDEN
+        moving = np.flatnonzero(self._moving & seen)
+        points = [geom_corners(model, data, moving)]
+        for coil, wire in self._wires:
+            points += [wire - 2 * coil.wire, wire + 2 * coil.wire]
+        for tendon in np.flatnonzero(self._tendon_groups != HIDDEN):
+            start = data.ten_wrapadr[tendon]
+            path = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
+            width = 2 * model.tendon_width[tendon]
+            points += [path - width, path + width]
+        bodies = np.concatenate(points)
+        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
+        depths = [data.geom_xpos[plane & seen, 2], geom_corners(model, data, np.flatnonzero(seen & ~plane))[:, 2]]
+        lowest = np.concatenate(depths).min(initial=np.inf)
+        shadows = [
+            bodies + np.maximum(bodies[:, 2:] - lowest, 0) / -way[2] * way
+            for way in data.light_xdir[model.light_castshadow.astype(bool)]
+        ]
+        return np.concatenate([bodies, *shadows])
 
     def _ids_by_colour(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
         """Table from the colour of the identity pass, one more than the scene's geom index, to segmentation id."""
         table = np.zeros(scene.ngeom + 1, np.uint8)
         known = {mujoco.mjtObj.mjOBJ_GEOM.value: self._ids, mujoco.mjtObj.mjOBJ_TENDON.value: self._tendon_ids}
-        coil_ids = iter([coil.segmentation for coil, wire in self._wires for _ in wire[1:]])
-        for geom in scene.geoms[: scene.ngeom]:
+        for geom in self._slots[id(scene)][: scene.ngeom]:
             if geom.objtype in known:
                 table[geom.segid + 1] = known[geom.objtype][geom.objid]
-            elif geom.category == mujoco.mjtCatBit.mjCAT_DECOR and geom.objtype == mujoco.mjtObj.mjOBJ_UNKNOWN:
-                table[geom.segid + 1] = next(coil_ids)
+        shown = [(coil, wire) for coil, wire in self._wires if coil.tendon not in self._hidden_coils]
+        wires = [coil.segmentation for coil, wire in shown for _ in wire[1:]]
+        table[len(table) - len(wires) :] = wires
         return table
 
     def _metres(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -302,6 +409,80 @@ class Raster:
         np.divide(near * far, z, out=z)
         z[empty] = SKY
         return z
+
+
+class Free:
+    """A camera at `pose` (4, 4) that draws the whole picture."""
+
+    def __init__(self, raster: Raster, pose: ArrayLike) -> None:
+        self.raster, self.pose = raster, np.asarray(pose, dtype=np.float64)
+
+    def colour(self) -> NDArray[np.uint8]:
+        """See :meth:`Raster.colour`."""
+        return self.raster.colour(self.pose)
+
+    def depth_and_segmentation(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """See :meth:`Raster.depth_and_segmentation`."""
+        return self.raster.depth_and_segmentation(self.pose)
+
+
+class Still(Free):
+    """A standing camera: the same pictures for less, if the raster is separable.
+
+    What never moves is drawn once; of each picture, only the window in which something moves. A window is rounded
+    differently from a whole picture, so that single pixels on edges may fall to the other side.
+    """
+
+    def colour(self) -> NDArray[np.uint8]:
+        """See :meth:`Raster.colour`."""
+        window = self.raster.window(self.pose)
+        if window is None:
+            return super().colour()
+        picture = self._colour_plate.copy()
+        picture[_inside(window)] = self.raster.colour(self.pose, window)
+        return picture
+
+    def depth_and_segmentation(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """See :meth:`Raster.depth_and_segmentation`."""
+        window = self.raster.window(self.pose)
+        if window is None:
+            return super().depth_and_segmentation()
+        depth, seg = self._matter_plate[0].copy(), self._matter_plate[1].copy()
+        depth[_inside(window)], seg[_inside(window)] = self.raster.depth_and_segmentation(self.pose, window)
+        return depth, seg
+
+    @cached_property
+    def _colour_plate(self) -> NDArray[np.uint8]:
+        self.raster.show_static()
+        plate = self.raster.colour(self.pose)
+        self.raster.show_only(None)
+        return plate
+
+    @cached_property
+    def _matter_plate(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        self.raster.show_static()
+        plate = self.raster.depth_and_segmentation(self.pose)
+        self.raster.show_only(None)
+        return plate
+
+
+def moving_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which geoms (ngeom,) are on a body that can move: with a joint at or above it, or mocap."""
+    mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid]] >= 0
+    return np.asarray((model.body_weldid[model.geom_bodyid] != 0) | mocap)
+
+
+def geom_corners(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Corners (8 N, 3) [m] of the bounding boxes of some geoms (N,), given as ids, at the data's pose."""
+    signs = np.array(list(product((-1, 1), repeat=3)))
+    boxes = model.geom_aabb[geoms, None, :3] + signs * model.geom_aabb[geoms, None, 3:]
+    turned = np.einsum("gij,gcj->gci", data.geom_xmat[geoms].reshape(-1, 3, 3), boxes)
+    return np.asarray((data.geom_xpos[geoms, None] + turned).reshape(-1, 3), dtype=np.float64)
+
+
+def _inside(window: Window) -> tuple[slice, slice]:
+    left, top, width, height = window
+    return slice(top, top + height), slice(left, left + width)
 
 
 def _checked(ids: ArrayLike, count: int, name: str) -> NDArray[np.uint8]:
@@ -334,10 +515,10 @@ def _options(*hidden: int) -> mujoco.MjvOption:
     return options
 
 
-def _draw_wire(scene: mujoco.MjvScene, coil: Coil, wire: NDArray[np.float64]) -> None:
+def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Coil, wire: NDArray[np.float64]) -> None:
     shape, colour = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(coil.rgba, np.float32)
     for start, end in pairwise(wire):
-        geom = scene.geoms[scene.ngeom]
+        geom = slots[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, np.zeros(3), np.zeros(3), np.zeros(9), colour)
         mujoco.mjv_connector(geom, shape, coil.wire, start, end)
         geom.category, geom.objtype, geom.objid = mujoco.mjtCatBit.mjCAT_DECOR, mujoco.mjtObj.mjOBJ_UNKNOWN, -1

@@ -44,7 +44,7 @@ PENDULUM = """<mujoco><worldbody>
 </worldbody></mujoco>"""
 
 
-def pendulum(frames=5, size=(64, 64), **changes):
+def pendulum(frames=9, size=(64, 64), **changes):
     """A footage without views."""
     model, ids = staged(PENDULUM)
     qpos = 0.6 * np.cos(np.linspace(0, 3, frames))[:, None]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from render.encode import SKY
-from render.raster import Coil, Raster
+from render.raster import Coil, Raster, Still
 from render.rig import FOV, Sphere, back_project, fit_distance, look_at, orbit, project
 
 from .sets import BALL, CROWD, SPRING, staged
@@ -287,3 +287,42 @@ def test_the_stage_opens_alone_and_says_nothing_of_physics():
     floor = model.geom("floor")
     assert (floor.contype, floor.conaffinity, floor.group) == (0, 0, 0)
     assert model.light("key").castshadow
+
+
+def test_a_still_camera_gives_the_pictures_of_the_raster():
+    model, ids = staged(CROWD)
+    with Raster(model, SIZE, ids, sphere=SPHERE) as raster:
+        assert raster.separable()
+        for azimuth, latitude in ((0.4, 0.6), (2.4, 0.2), (4.4, 1.0)):
+            still = Still(raster, view(azimuth, latitude))
+            for place in ([0, -0.6, 0.15], [0.5, 0.5, 0.9], [-0.6, 0.1, 0.3], [0, 30, 0.2]):
+                raster.pose([*place, 1, 0, 0, 0])
+                left, top, width, height = raster.window(still.pose) or (0, 0, *SIZE)
+                assert width * height < 0.5 * SIZE[0] * SIZE[1]
+                assert 0 <= left < left + width <= SIZE[0]
+                assert 0 <= top < top + height <= SIZE[1]
+                whole = raster.colour(still.pose).astype(int), *raster.depth_and_segmentation(still.pose)
+                part = still.colour().astype(int), *still.depth_and_segmentation()
+                assert (np.abs(whole[0] - part[0]).max(axis=2) > 1).mean() < 1e-4
+                assert (np.abs(whole[1] - part[1]) > 1e-5 * whole[1]).mean() < 1e-4
+                assert (whole[2] != part[2]).mean() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("world", "message"),
+    [
+        ('<body><freejoint/><light dir="0 0 -1"/><geom size=".1"/></body>', "a light that moves"),
+        ('<light type="spot" pos="0 0 3" dir="0 0 -1"/>', "a lamp"),
+        ('<light type="directional" dir="1 0 -.1"/>', "a light that grazes"),
+        ('<geom type="plane" size="1 1 1" euler="0 30 0"/>', "a tilted plane"),
+        ('<geom type="plane" size="1 1 1" material="mirror"/>', "a mirror"),
+    ],
+)
+def test_what_changes_the_whole_picture_is_not_separated(world, message):
+    model, ids = staged(
+        f'<mujoco><asset><material name="mirror" reflectance=".5"/></asset><worldbody>{world}</worldbody></mujoco>'
+        if "mirror" in world
+        else f"<mujoco><worldbody>{world}</worldbody></mujoco>"
+    )
+    with Raster(model, (16, 16), ids, sphere=SPHERE) as raster:
+        assert not raster.separable(), message
