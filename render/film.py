@@ -271,7 +271,7 @@ def shoot(
     for view, kind in itertools.product(footage.views, footage.modalities):
         (folder / view.name / kind).mkdir(parents=True, exist_ok=True)
     parts = min(workers or len(os.sched_getaffinity(0)), frames)
-    tasks = [functools.partial(_draw, footage, folder, range(part, frames, parts)) for part in range(parts)]
+    tasks = [functools.partial(_draw, footage, folder, _share(footage, part, parts)) for part in range(parts)]
     return _run(tasks, progress)[0]
 
 
@@ -301,15 +301,32 @@ def _plan(
     return (*named, View("CineCamera_Moving", poses))
 
 
-def _draw(footage: Footage, folder: Path, frames: range, report: Callable[[int], None]) -> Info:
+def _share(footage: Footage, part: int, parts: int) -> list[tuple[View, int]]:
+    """The views and frames that fall to one of several processes.
+
+    Standing views are cut into contiguous pieces, so that few processes draw the same view's background; moving ones,
+    which cost more, are dealt out frame by frame.
+    """
+    frames = range(len(footage.qpos))
+    stand = [(view, frame) for view in footage.views if view.poses.ndim == 2 for frame in frames]
+    move = [(view, frame) for view in footage.views if view.poses.ndim == 3 for frame in frames]
+    return stand[len(stand) * part // parts : len(stand) * (part + 1) // parts] + move[part::parts]
+
+
+def _draw(footage: Footage, folder: Path, shots: list[tuple[View, int]], report: Callable[[int], None]) -> Info:
     with footage.raster(footage.size) as raster, _encoder() as encode:
         # decided by the whole footage, not by this part of it: else pictures would depend on the number of workers
         worthwhile = len(footage.qpos) >= FEWEST_FOR_STILLS and raster.separable()
-        stills = {view.name: Still(raster, view.poses) for view in footage.views if worthwhile and view.poses.ndim == 2}
-        for frame in frames:
-            footage.put(raster, frame)
-            for view in footage.views:
-                camera, place = stills.get(view.name) or Free(raster, view.at(frame)), folder / view.name
+        kind = Still if worthwhile else Free
+        for _, group in itertools.groupby(shots, key=lambda shot: shot[0].name):
+            camera: Free | None = None
+            for view, frame in group:
+                footage.put(raster, frame)
+                if view.poses.ndim == 3:
+                    camera = Free(raster, view.at(frame))
+                elif camera is None:
+                    camera = kind(raster, view.poses)
+                place = folder / view.name
                 if "rgb" in footage.modalities:
                     encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", camera.colour())
                 if footage.modalities & {"depth", "seg"}:
@@ -318,7 +335,7 @@ def _draw(footage: Footage, folder: Path, frames: range, report: Callable[[int],
                         encode(write_depth, place / "depth" / f"{frame:04d}.npz", depth)
                     if "seg" in footage.modalities:
                         encode(write_segmentation, place / "seg" / f"{frame:04d}.npz", seg)
-            report(len(footage.views))
+                report(1)
         return raster.info()
 
 
