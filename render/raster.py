@@ -42,7 +42,7 @@ SHADOW_REACH = 2.0
 TEXELS = 2.7
 """Texels of the shadow map per pixel of the picture: edges of shadows are then about as fine as those of things."""
 
-FACETS = 60_000
+FACETS = 40_000
 """Facets that all round primitives together may take; decides how finely each is tessellated."""
 
 SEGMENTS_PER_TURN = 12
