@@ -106,8 +106,12 @@ def motion(run: Run, fps: int) -> dict[str, Any]:
 
 def _roll_pitch_yaw(quaternion: Array) -> Array:
     r = quaternion_matrix(quaternion)
-    pitch = -np.arcsin(np.clip(r[:, 2, 0], -1, 1))
-    return np.column_stack([np.arctan2(r[:, 2, 1], r[:, 2, 2]), pitch, np.arctan2(r[:, 1, 0], r[:, 0, 0])])
+    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+    yaw = np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    # what is left when the yaw is undone: exact also where, at a pitch of 90°, only their difference is determined
+    c, s = np.cos(yaw), np.sin(yaw)
+    roll = np.arctan2(s * r[:, 0, 2] - c * r[:, 1, 2], c * r[:, 1, 1] - s * r[:, 0, 1])
+    return np.column_stack([roll, pitch, yaw])
 
 
 def camera_file(
