@@ -6,6 +6,7 @@ The layout is the released dataset's. Beside it, under names its readers ignore:
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -13,8 +14,10 @@ import json
 import os
 import platform
 import shutil
+import signal
+import threading
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -25,11 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import annotate
-from .base import Phenomenon, Verdict
+from .base import Phenomenon, Refusal, Verdict
 from .fidelity import Fidelity
 from .registry import phenomenon
 from .run import Impact, Run
-from .simulate import build, compile, repeater, simulate_specimen
+from .simulate import Compiled, build, compile, repeater, simulate_specimen
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -69,8 +72,9 @@ class Job:
 
     def __post_init__(self) -> None:
         for name, low, high in (("views", 1, 64), ("size", 16, 4096), ("seed", 0, 2**63 - 1)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} = {getattr(self, name)}; allowed: {low} to {high}")
+            value = getattr(self, name)
+            if not isinstance(value, (int, np.integer)) or not low <= value <= high:
+                raise ValueError(f"{name} = {value!r}; allowed: whole numbers from {low} to {high}")
         unknown = [m for m in self.modalities if m not in MODALITIES]
         if unknown or not self.modalities:
             raise ValueError(f"modalities = {','.join(self.modalities) or '(none)'}; allowed: some of rgb,depth,seg")
@@ -130,31 +134,76 @@ def generate(job: Job, out: Path, *, force: bool = False, progress: Progress | N
     """
     out = Path(out)
     final = out / job.folder
-    if final.exists() and not force:
-        raise SceneExists(f"{final} exists and was kept; --force replaces it")
     out.mkdir(parents=True, exist_ok=True)
     _sweep(out, job)
+    if final.exists() and not force:
+        raise SceneExists(f"{final} exists and was kept; --force replaces it")
     partial = out / f".{job.folder}.partial-{os.getpid()}"
-    partial.mkdir()
-    try:
-        _write(job, partial, progress or (lambda _stage, _done: None))
-        if final.exists():
-            old = out / f".{job.folder}.replaced-{os.getpid()}"
-            final.rename(old)
+    old = out / f".{job.folder}.replaced-{os.getpid()}"
+    with _ended_in_order():
+        partial.mkdir()
+        try:
+            _write(job, partial, progress or (lambda _stage, _done: None))
+            if final.exists():
+                if not force:
+                    raise SceneExists(f"{final} was made by another process meanwhile and was kept")
+                final.rename(old)
             partial.rename(final)
-            shutil.rmtree(old)
-        else:
-            partial.rename(final)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        finally:
+            _remove(partial)
+            _put_back(old, final)
     return final
 
 
+@contextlib.contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """SIGTERM and SIGHUP, unless somebody handles them already, end the program by SystemExit, so that it tidies up."""
+
+    def end(number: int, _frame: Any) -> None:
+        raise SystemExit(128 + number)
+
+    mine = []
+    if threading.current_thread() is threading.main_thread():
+        mine = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
+    for number in mine:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in mine:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def _sweep(out: Path, job: Job) -> None:
-    for left in [*out.glob(f".{job.folder}.partial-*"), *out.glob(f".{job.folder}.replaced-*")]:
-        owner = left.name.rpartition("-")[2]
-        if owner.isdigit() and (int(owner) == os.getpid() or not Path(f"/proc/{owner}").exists()):
-            shutil.rmtree(left, ignore_errors=True)
+    for kind in ("replaced", "partial"):
+        for left in out.glob(f".{job.folder}.{kind}-*"):
+            owner = left.name.rpartition("-")[2]
+            if not owner.isdigit() or (int(owner) != os.getpid() and Path(f"/proc/{owner}").exists()):
+                continue
+            if kind == "replaced":
+                _put_back(left, out / job.folder)
+            else:
+                # drawing processes may outlive their killed parent by a frame: under another name nothing is added
+                doomed = out / f".{job.folder}.partial-{os.getpid()}"
+                with contextlib.suppress(OSError):
+                    left.rename(doomed)
+                _remove(doomed)
+
+
+def _put_back(old: Path, final: Path) -> None:
+    """What was to be replaced: gone if something took its place, otherwise back there."""
+    if not final.exists():
+        with contextlib.suppress(FileNotFoundError):
+            old.rename(final)
+    else:
+        _remove(old)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _write(job: Job, folder: Path, progress: Progress) -> None:
@@ -269,144 +318,235 @@ def state_digest(run: Run) -> str:
     return digest.hexdigest()
 
 
+def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
+    """What `physics.h5` holds: (name, values, unit, about) of every dataset."""
+    yield "time", run.t, "s", ""
+    yield "state/qpos", run.qpos, "m, rad or 1", "MuJoCo's generalised positions"
+    yield "state/qvel", run.qvel, "m/s or rad/s", "MuJoCo's generalised velocities"
+    for name in run.bodies():
+        if name.startswith("stage/"):
+            continue
+        body = run.model.body(name).id
+        yield f"bodies/{name}/position", run.position(name), "m", "centre of mass, world axes"
+        yield f"bodies/{name}/origin", run.motion.origin[:, body], "m", "origin of the body's axes"
+        yield f"bodies/{name}/quaternion", run.quaternion(name), "1", "body to world, w first"
+        yield f"bodies/{name}/linear_velocity", run.velocity(name), "m/s", "of the centre of mass, world axes"
+        yield f"bodies/{name}/angular_velocity", run.spin(name), "rad/s", "world axes"
+    yield "energy/kinetic", run.motion.kinetic, "J", ""
+    yield "energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects"
+    for name, seen in run.specimen.observables().items():
+        yield f"observables/{name}", seen.measure(run.specimen, run), seen.unit, seen.about
+    hits = run.impacts
+    yield "contacts/time", np.array([i.time for i in hits]), "s", "instant of each impact"
+    for key in ("first", "second"):
+        yield f"contacts/{key}", np.array([getattr(i, key).encode() for i in hits], dtype="S64"), "1", "geom"
+    yield "contacts/position", np.array([i.position for i in hits]).reshape(-1, 3), "m", ""
+    yield "contacts/normal", np.array([i.normal for i in hits]).reshape(-1, 3), "1", "from the first to the second"
+    yield "contacts/approach", np.array([i.approach for i in hits]), "m/s", "normal closing speed before"
+    yield "contacts/impulse", np.array([i.impulse for i in hits]).reshape(-1, 3), "N s", "on the second body"
+    kinds = [name for name in mujoco.mjtWarning.__members__ if name != "mjNWARNING"]
+    yield "warnings", np.zeros(len(kinds), np.int64), "1", "counts of " + ", ".join(kinds)
+
+
 def write_physics(run: Run, path: Path) -> None:
     """`physics.h5`: every recorded quantity, SI, each dataset with its `unit`. The same run gives the same bytes."""
-    with h5py.File(path, "w", libver="latest") as file:
-
-        def put(name: str, values: Any, unit: str, about: str = "") -> None:
+    # in memory first: when a write fails, as on a full disk, HDF5 ends the process by a segmentation fault
+    with h5py.File(path.name, "w", libver="latest", driver="core", backing_store=False) as file:
+        file.attrs["label"] = run.specimen.label
+        file.attrs["samples_per_frame"] = run.stride
+        for name, values, unit, about in _recorded(run):
             data = np.asarray(values)
             packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if data.size > 64 else {}
             entry = file.create_dataset(name, data=data, track_times=False, **packed)
             entry.attrs["unit"] = unit
             if about:
                 entry.attrs["about"] = about
-
-        file.attrs["label"] = run.specimen.label
-        file.attrs["samples_per_frame"] = run.stride
-        put("time", run.t, "s")
-        put("state/qpos", run.qpos, "m, rad or 1", "MuJoCo's generalised positions")
-        put("state/qvel", run.qvel, "m/s or rad/s", "MuJoCo's generalised velocities")
-        for name in run.bodies():
-            if name.startswith("stage/"):
-                continue
-            body = run.model.body(name).id
-            put(f"bodies/{name}/position", run.position(name), "m", "centre of mass, world axes")
-            put(f"bodies/{name}/origin", run.motion.origin[:, body], "m", "origin of the body's axes")
-            put(f"bodies/{name}/quaternion", run.quaternion(name), "1", "body to world, w first")
-            put(f"bodies/{name}/linear_velocity", run.velocity(name), "m/s", "of the centre of mass, world axes")
-            put(f"bodies/{name}/angular_velocity", run.spin(name), "rad/s", "world axes")
-        put("energy/kinetic", run.motion.kinetic, "J")
-        put("energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects")
-        for name, seen in run.specimen.observables().items():
-            put(f"observables/{name}", seen.measure(run.specimen, run), seen.unit, seen.about)
-        hits = run.impacts
-        put("contacts/time", np.array([i.time for i in hits]), "s", "instant of each impact")
-        for key in ("first", "second"):
-            put(f"contacts/{key}", np.array([getattr(i, key).encode() for i in hits], dtype="S64"), "1", "geom")
-        put("contacts/position", np.array([i.position for i in hits]).reshape(-1, 3), "m")
-        put("contacts/normal", np.array([i.normal for i in hits]).reshape(-1, 3), "1", "from the first to the second")
-        put("contacts/approach", np.array([i.approach for i in hits]), "m/s", "normal closing speed before")
-        put("contacts/impulse", np.array([i.impulse for i in hits]).reshape(-1, 3), "N s", "on the second body")
-        kinds = [name for name in mujoco.mjtWarning.__members__ if name != "mjNWARNING"]
-        put("warnings", np.zeros(len(kinds), np.int64), "1", "counts of " + ", ".join(kinds))
+        file.flush()
+        image = file.id.get_file_image()
+    path.write_bytes(image)
 
 
 def read_run(folder: Path) -> tuple[Run, dict[str, Any]]:
     """The run as it was recorded, and the provenance; NotAScene says what is missing or wrong."""
-    provenance = _read_provenance(folder)
-    told = provenance["job"]
-    specimen = phenomenon(told["index"]).make(**told["parameters"])
-    fidelity = Fidelity(**told["fidelity"])
-    compiled = compile(specimen, build(specimen), fidelity)
+    provenance, job = _read_provenance(folder)
+    return _read_run(folder, job, _compiled(folder, job)), provenance
+
+
+def _compiled(folder: Path, job: Job) -> Compiled:
     try:
-        with h5py.File(folder / "physics.h5", "r") as file:
-            shape = (compiled.samples, compiled.model.nq)
-            if file["state/qpos"].shape != shape or file["state/qvel"].shape != (shape[0], compiled.model.nv):
-                raise NotAScene(f"{folder}/physics.h5: state of shape {file['state/qpos'].shape}; expected: {shape}")
-            t, qpos, qvel = (np.asarray(file[k], float) for k in ("time", "state/qpos", "state/qvel"))
-            c = {k: file[f"contacts/{k}"][:] for k in
-                 ("time", "first", "second", "position", "normal", "approach", "impulse")}  # fmt: skip
-    except (OSError, KeyError, TypeError) as why:
-        raise NotAScene(f"{folder}/physics.h5: {why}") from None
-    impacts = tuple(
-        Impact(
-            time=float(c["time"][i]), first=c["first"][i].decode(), second=c["second"][i].decode(),
-            position=tuple(c["position"][i].tolist()), normal=tuple(c["normal"][i].tolist()),
-            approach=float(c["approach"][i]), impulse=tuple(c["impulse"][i].tolist()),
-        )
-        for i in range(len(c["time"]))
-    )  # fmt: skip
-    run = Run(
-        specimen=specimen, fidelity=fidelity, seed=told["seed"], scene=compiled.scene, model=compiled.model, t=t,
+        return compile(job.specimen, build(job.specimen), job.fidelity)
+    except (ValueError, OverflowError) as why:
+        raise NotAScene(f"{folder}/provenance.json: {why}") from None
+
+
+def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
+    path, samples, model = folder / "physics.h5", compiled.samples, compiled.model
+    try:
+        with h5py.File(path, "r") as file:
+
+            def get(name: str, *shape: int | None) -> Any:
+                there = file[name].shape
+                if len(there) != len(shape) or any(n not in (None, m) for n, m in zip(shape, there, strict=True)):
+                    raise NotAScene(f"{path}: {name} of shape {there}; expected: {shape}")
+                return file[name][:]
+
+            t = np.asarray(get("time", samples), float)
+            qpos = np.asarray(get("state/qpos", samples, model.nq), float)
+            qvel = np.asarray(get("state/qvel", samples, model.nv), float)
+            c = {"time": get("contacts/time", None)}
+            hits = len(c["time"])
+            c |= {key: get(f"contacts/{key}", hits) for key in ("first", "second", "approach")}
+            c |= {key: get(f"contacts/{key}", hits, 3) for key in ("position", "normal", "impulse")}
+        impacts = tuple(
+            Impact(
+                time=float(c["time"][i]), first=c["first"][i].decode(), second=c["second"][i].decode(),
+                position=tuple(c["position"][i].tolist()), normal=tuple(c["normal"][i].tolist()),
+                approach=float(c["approach"][i]), impulse=tuple(c["impulse"][i].tolist()),
+            )
+            for i in range(hits)
+        )  # fmt: skip
+    except NotAScene:
+        raise
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as why:
+        raise NotAScene(f"{path}: {why}") from None  # what h5py raises depends on where the file is broken
+    return Run(
+        specimen=job.specimen, fidelity=job.fidelity, seed=job.seed, scene=compiled.scene, model=model, t=t,
         qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0,
-        again_with=repeater(specimen, fidelity, told["seed"]),
+        again_with=repeater(job.specimen, job.fidelity, job.seed),
     )  # fmt: skip
-    return run, provenance
 
 
 def verify(folder: Path) -> Report:
-    """Checksums, layout, and the laws judged anew from the recorded data. NotAScene if it is no scene at all."""
+    """Checksums, layout, whether everything follows from the recorded state, and the laws judged anew from it.
+
+    NotAScene if it is no scene at all. No file outside the folder is opened.
+    """
     folder = Path(folder)
     report = Report(folder)
-    provenance = _read_provenance(folder)
+    provenance, job = _read_provenance(folder)
     listed: dict[str, str] = provenance["files"]
-    present = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()} - {"provenance.json"}
+    present = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() and not p.is_symlink()}
+    present.discard("provenance.json")
     report.problems += [f"{name}: missing" for name in sorted(set(listed) - present)]
     report.problems += [f"{name}: not in provenance.json" for name in sorted(present - set(listed))]
     for name in sorted(present & set(listed)):
         if _digest(folder / name) != listed[name]:
             report.problems.append(f"{name}: its SHA-256 is not the one in provenance.json")
+    motion = next((name for name in listed if "/" not in name and name.endswith("_trajectory.json")), "")
+    if motion != f"{job.folder}.json":
+        report.problems.append(f"provenance.json: its job makes {job.folder}, but this is {motion or 'nothing'}")
     try:
-        report.problems += _layout(folder, provenance)
-        run, _ = read_run(folder)
-    except (NotAScene, KeyError, ValueError) as why:
+        compiled = _compiled(folder, job)
+        report.problems += _layout(folder, job, motion, compiled.samples // compiled.stride)
+        run = _read_run(folder, job, compiled)
+    except NotAScene as why:
         report.problems.append(str(why))
         return report
-    if state_digest(run) != provenance["state_sha256"]:
+    if state_digest(run) != provenance.get("state_sha256"):
         report.problems.append("physics.h5: the recorded state is not the one that provenance.json names")
-    report.problems += _consistent(run, folder / "physics.h5")
-    report.verdicts = run.check()
+    try:
+        report.problems += _consistent(run, folder / "physics.h5")
+        report.verdicts = run.check()
+        report.problems += _annotated(run, folder, motion, report.verdicts)
+    except Exception as why:
+        if not report.problems:
+            raise
+        report.problems.append(f"nothing more can be derived from this: {type(why).__name__}: {why}")
     return report
 
 
 def _consistent(run: Run, path: Path) -> list[str]:
-    """Recorded bodies against the recorded state: whoever edits one has to edit both."""
+    """Everything recorded against the recorded state: whoever edits one has to edit both."""
     wrong = []
-    with h5py.File(path, "r") as file:
-        for name in run.bodies():
-            if name.startswith("stage/"):
-                continue
-            for key, values in (("position", run.position(name)), ("linear_velocity", run.velocity(name))):
-                entry = file.get(f"bodies/{name}/{key}")
-                if entry is None or entry.shape != values.shape or not np.allclose(entry[:], values, atol=1e-9):
-                    wrong.append(f"physics.h5: bodies/{name}/{key} does not follow from the recorded state")
-        unlabelled: list[str] = []
-        file.visititems(
-            lambda n, e: unlabelled.append(n) if isinstance(e, h5py.Dataset) and "unit" not in e.attrs else None
-        )
-        wrong += [f"physics.h5: {name} has no unit" for name in unlabelled]
+    try:
+        with h5py.File(path, "r") as file:
+            for name, values, unit, _ in _recorded(run):
+                if name not in file:
+                    wrong += [] if name.startswith("observables/") else [f"physics.h5: {name} is missing"]
+                elif not _same(file[name], np.asarray(values)):
+                    wrong.append(f"physics.h5: {name} does not follow from the recorded state")
+                elif file[name].attrs.get("unit") != unit:
+                    wrong.append(f"physics.h5: {name} is not in {unit}")
+    except (OSError, KeyError, RuntimeError) as why:
+        wrong.append(f"physics.h5: {why}")
     return wrong
 
 
-def _layout(folder: Path, provenance: Mapping[str, Any]) -> list[str]:
-    told, wrong = provenance["job"], []
-    name = folder.name
-    for required in ("caption.txt", "laws.json", "properties.json", "scene.xml", "recorder_stats.json"):
-        if not (folder / required).is_file():
-            wrong.append(f"{required}: missing")
-    motion = _read_json(folder / f"{name}.json")
-    frames = motion["sequence_info"]["total_frames"]
-    if not told["render"]:
+def _same(entry: Any, values: NDArray[Any]) -> bool:
+    if not isinstance(entry, h5py.Dataset) or entry.shape != values.shape or entry.dtype.kind != values.dtype.kind:
+        return False
+    if values.dtype.kind != "f":
+        return bool((entry[:] == values).all())
+    scale = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+    return np.allclose(entry[:], values, rtol=1e-9, atol=1e-9 * max(scale, 1e-3), equal_nan=True)
+
+
+def _annotated(run: Run, folder: Path, motion: str, verdicts: Sequence[Verdict]) -> list[str]:
+    """Motion file, properties and verdicts as written against those that follow from the recorded state."""
+    wrong = []
+    try:
+        poses, expected = _poses(_read_json(folder / motion)), _poses(annotate.motion(run, run.scene.fps))
+        if poses.keys() != expected.keys() or not all(
+            poses[k].shape == expected[k].shape and np.allclose(poses[k], expected[k], atol=1e-7) for k in poses
+        ):
+            wrong.append(f"{motion}: does not follow from the recorded state")
+        if _read_json(folder / "properties.json") != annotate.properties(run):
+            wrong.append("properties.json: not what the scene is made of")
+        now = {v.law: v.verdict for v in verdicts}
+        for law in _read_json(folder / "laws.json"):
+            if law["verdict"] != now.get(law["law"], law["verdict"]):
+                wrong.append(f"laws.json: {law['law']}: {law['verdict']}; judged anew: {now[law['law']]}")
+    except NotAScene as why:
+        wrong.append(str(why))
+    except (KeyError, TypeError, ValueError, AttributeError) as why:
+        wrong.append(f"{motion} or laws.json: not as this package writes it: {why!r}")
+    return wrong
+
+
+def _poses(motion: Any) -> dict[str, Array]:
+    return {
+        name: np.array(
+            [[*t["transform"]["location"].values(), *t["transform"]["quaternion"].values()]
+             for t in actor["transform_data"]], float,
+        )
+        for name, actor in motion["actors"].items()
+    }  # fmt: skip
+
+
+def _layout(folder: Path, job: Job, motion: str, frames: int) -> list[str]:
+    wrong: list[str] = []
+
+    def count(name: str, *keys: str) -> None:
+        """How many frames a JSON file speaks of."""
+        try:
+            found = _read_json(folder / name)
+            told = functools.reduce(lambda value, key: value[key], keys, found)
+            listed = len(found.get("frames", ())) if name.startswith("blender_") else frames
+            if told != frames or listed != frames:
+                wrong.append(f"{name}: {told} frames, {listed} of them listed; expected: {frames}")
+        except NotAScene as why:
+            wrong.append(str(why).removeprefix(f"{folder}/"))
+        except (KeyError, TypeError, AttributeError) as why:
+            wrong.append(f"{name}: not as this package writes it: {why!r}")
+
+    needed = ["caption.txt", "laws.json", "properties.json", "scene.xml", "physics.h5"]
+    names = ["static_camera_list.txt", "cameras.ply", *(f"transforms_{part}.json" for part in ("train", "val", "test"))]
+    wrong += [f"{name}: missing" for name in needed + names * job.render if not (folder / name).is_file()]
+    count(motion, "sequence_info", "total_frames")
+    count("recorder_stats.json", "frames")
+    if not job.render:
         return wrong
-    statics = (folder / "static_camera_list.txt").read_text(encoding="utf-8").split()
-    if len(statics) != told["views"]:
-        wrong.append(f"static_camera_list.txt: {len(statics)} cameras; expected: {told['views']}")
+    cameras = [f"CineCamera_{i}" for i in range(job.views)]
+    try:
+        statics = (folder / "static_camera_list.txt").read_text(encoding="utf-8").split()
+    except (OSError, UnicodeDecodeError):
+        statics = []
+    if statics != cameras:
+        wrong.append(f"static_camera_list.txt: {len(statics)} cameras; expected: CineCamera_0 to _{job.views - 1}")
     endings = {"rgb": "jpg", "depth": "npz", "seg": "npz"}
-    for view in [*statics, "CineCamera_Moving"]:
-        camera = _read_json(folder / f"blender_{view}.json")
-        if camera["total_frames"] != frames or len(camera["frames"]) != frames:
-            wrong.append(f"blender_{view}.json: {camera['total_frames']} frames; expected: {frames}")
-        for kind in told["modalities"]:
+    for view in [*cameras, "CineCamera_Moving"]:
+        count(f"blender_{view}.json", "total_frames")
+        for kind in job.modalities:
             expected = {f"{i:04d}.{endings[kind]}" for i in range(frames)}
             there = {p.name for p in (folder / view / kind).glob("*")}
             if expected != there:
@@ -418,41 +558,53 @@ def reproduce(folder: Path, *, progress: Progress | None = None) -> Report:
     """Simulate again from `provenance.json` alone and compare the states bit for bit."""
     folder = Path(folder)
     report = Report(folder)
-    provenance = _read_provenance(folder)
-    told = provenance["job"]
-    specimen = phenomenon(told["index"]).make(**told["parameters"])
+    provenance, job = _read_provenance(folder)
     show = progress or (lambda _stage, _done: None)
-    run = simulate_specimen(
-        specimen, fidelity=Fidelity(**told["fidelity"]), seed=told["seed"], progress=lambda f: show("simulating", f)
-    )
-    if state_digest(run) != provenance["state_sha256"]:
-        recorded, here = provenance["versions"], _versions()
+    try:
+        run = simulate_specimen(
+            job.specimen, fidelity=job.fidelity, seed=job.seed, progress=lambda f: show("simulating", f)
+        )
+    except (Refusal, OverflowError) as why:
+        raise NotAScene(f"{folder}/provenance.json: {why}") from None
+    if state_digest(run) != provenance.get("state_sha256"):
+        recorded, here = provenance.get("versions"), _versions()
+        recorded = recorded if isinstance(recorded, dict) else {}
         other = [f"{k} {recorded.get(k)} here {v}" for k, v in here.items() if recorded.get(k) != v]
         reason = f" (made with other versions: {'; '.join(other)})" if other else ""
         report.problems.append(f"the states differ from the recorded ones{reason}")
     return report
 
 
-def _read_provenance(folder: Path) -> dict[str, Any]:
+def _read_provenance(folder: Path) -> tuple[dict[str, Any], Job]:
     path = Path(folder) / "provenance.json"
     if not path.is_file():
         raise NotAScene(f"{folder}: no provenance.json, so not a whole scene")
     found = _read_json(path)
-    told = found.get("job") if isinstance(found, dict) else None
-    keys = {"index", "parameters", "fidelity", "seed", "views", "modalities", "render"}
+    form = found.get("format") if isinstance(found, dict) else None
+    if form != FORMAT:
+        raise NotAScene(f"{path}: format = {form!r:.40}; allowed: {FORMAT}")
+    told = found.get("job")
+    keys = {"index", "parameters", "fidelity", "seed", "views", "size", "modalities", "render"}
     if not isinstance(told, dict) or not keys <= set(told) or not isinstance(found.get("files"), dict):
         raise NotAScene(f"{path}: incomplete; expected a job with {', '.join(sorted(keys))} and files")
-    if found.get("format") != FORMAT:
-        raise NotAScene(f"{path}: format = {found.get('format')}; allowed: {FORMAT}")
-    return dict(found)
+    try:
+        given = {key: told[key] for key in keys}
+        given |= {"fidelity": Fidelity(**told["fidelity"]), "modalities": tuple(told["modalities"])}
+        return found, Job(**given)
+    except (LookupError, TypeError, ValueError, OverflowError) as why:
+        raise NotAScene(f"{path}: {why}") from None
 
 
 def _read_json(path: Path) -> Any:
     try:
+        if not path.is_file() or path.is_symlink():
+            raise NotAScene(f"{path}: missing")
         if path.stat().st_size > _MAX_JSON:
             raise NotAScene(f"{path}: {path.stat().st_size} bytes; allowed: {_MAX_JSON}")
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as why:
+    except NotAScene:
+        raise
+    except (OSError, ValueError, RecursionError) as why:
         raise NotAScene(f"{path}: {why}") from None
 
 
