@@ -94,7 +94,7 @@ def load_view(root: Path, file_path: str) -> View:
         depth = archive["depth"]
     with np.load(stem.replace("rgb", "seg") + ".npz") as archive:
         seg = archive["seg"]
-    return View(image[..., ::-1].copy(), depth.astype(np.float32), seg.astype(np.uint8))
+    return View(np.ascontiguousarray(image[..., ::-1], np.uint8), depth.astype(np.float32), seg.astype(np.uint8))
 
 
 def load_camera(path: Path) -> Camera:
@@ -206,7 +206,7 @@ def parse_case_id(case_id: str) -> tuple[list[str], str, str]:
 
 
 def foreground(seg: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    return (seg != 0) & (seg != 255)
+    return np.asarray((seg != 0) & (seg != 255))
 
 
 def back_project(depth: NDArray[np.float32], camera: Camera, frame: int) -> Floats:
