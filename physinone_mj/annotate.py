@@ -26,11 +26,24 @@ HIDDEN = 3
 
 @dataclass(frozen=True)
 class Thing:
-    """A foreground object: its segmentation id (from 1), the body it is, and what it is made of."""
+    """A foreground object: its segmentation id (from 1), its name in all files, the body it is, what it is made of."""
 
     id: int
+    name: str
     body: str
     matter: Matter
+
+
+def names(model: Any) -> dict[str, str]:
+    """Bodies of the model -> their names in the files, without slashes: "ball0/ball" is "ball0", as long as it is the
+    only body of its part, "pendulum/bob" is "pendulum_bob". The stage's are left out."""
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    parts = [body.partition("/")[0] for body in bodies]
+    return {
+        body: part if parts.count(part) == 1 else body.replace("/", "_")
+        for body, part in zip(bodies, parts, strict=True)
+        if part != "stage"
+    }
 
 
 def things(run: Run) -> list[Thing]:
@@ -41,13 +54,12 @@ def things(run: Run) -> list[Thing]:
     model = run.model
     found: list[Thing] = []
     coiled = {coil.body for coil in run.scene.coils}
-    for body in range(1, model.nbody):
-        name = model.body(body).name
-        groups = model.geom_group[model.geom_bodyid == body]
-        if (np.isin(groups, [HIDDEN, IMMATERIAL], invert=True)).any() or name in coiled:
-            if name not in run.scene.matter:
-                raise KeyError(f"{run.specimen.label}.build says nothing of what body {name!r} is made of")
-            found.append(Thing(len(found) + 1, name, run.scene.matter[name]))
+    for body, name in names(model).items():
+        groups = model.geom_group[model.geom_bodyid == model.body(body).id]
+        if (np.isin(groups, [HIDDEN, IMMATERIAL], invert=True)).any() or body in coiled:
+            if body not in run.scene.matter:
+                raise KeyError(f"{run.specimen.label}.build says nothing of what body {body!r} is made of")
+            found.append(Thing(len(found) + 1, name, body, run.scene.matter[body]))
     return found
 
 
@@ -61,7 +73,7 @@ def properties(run: Run) -> dict[str, dict[str, float | str]]:
     """Segmentation id -> dynamic and static friction, density [kg/m³], restitution (the release's four, by object)."""
     return {
         str(t.id): {
-            "name": t.body,
+            "name": t.name,
             "dynamic_friction": t.matter.surface.friction,
             "static_friction": t.matter.surface.static_friction,
             "density": t.matter.density,
@@ -84,7 +96,7 @@ def motion(run: Run, fps: int) -> dict[str, Any]:
         body = run.model.body(t.body).id
         origin, quaternion = run.motion.origin[:, body], run.motion.quaternion[:, body]
         turns = np.degrees(_roll_pitch_yaw(quaternion[:: run.stride]))
-        actors[t.body] = {
+        actors[t.name] = {
             "segmentation_id": t.id,
             "transform_data": [
                 {

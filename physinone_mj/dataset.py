@@ -226,8 +226,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
     for thing in annotate.things(run):
         mesh = annotate.mesh(run, thing)
         if len(mesh.vertices):
-            name = thing.body.replace("/", "_")
-            (folder / "meshes" / f"{thing.id:03d}_{name}.obj").write_text(
+            (folder / "meshes" / f"{thing.id:03d}_{thing.name}.obj").write_text(
                 str(mesh.export(file_type="obj", include_normals=False, header=None)), encoding="utf-8"
             )
     checked = clock.perf_counter()
@@ -323,15 +322,13 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
     yield "time", run.t, "s", ""
     yield "state/qpos", run.qpos, "m, rad or 1", "MuJoCo's generalised positions"
     yield "state/qvel", run.qvel, "m/s or rad/s", "MuJoCo's generalised velocities"
-    for name in run.bodies():
-        if name.startswith("stage/"):
-            continue
-        body = run.model.body(name).id
-        yield f"bodies/{name}/position", run.position(name), "m", "centre of mass, world axes"
-        yield f"bodies/{name}/origin", run.motion.origin[:, body], "m", "origin of the body's axes"
-        yield f"bodies/{name}/quaternion", run.quaternion(name), "1", "body to world, w first"
-        yield f"bodies/{name}/linear_velocity", run.velocity(name), "m/s", "of the centre of mass, world axes"
-        yield f"bodies/{name}/angular_velocity", run.spin(name), "rad/s", "world axes"
+    for body, name in annotate.names(run.model).items():
+        origin = run.motion.origin[:, run.model.body(body).id]
+        yield f"bodies/{name}/position", run.position(body), "m", "centre of mass, world axes"
+        yield f"bodies/{name}/origin", origin, "m", "origin of the body's axes"
+        yield f"bodies/{name}/quaternion", run.quaternion(body), "1", "body to world, w first"
+        yield f"bodies/{name}/linear_velocity", run.velocity(body), "m/s", "of the centre of mass, world axes"
+        yield f"bodies/{name}/angular_velocity", run.spin(body), "rad/s", "world axes"
     yield "energy/kinetic", run.motion.kinetic, "J", ""
     yield "energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects"
     for name, seen in run.specimen.observables().items():

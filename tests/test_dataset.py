@@ -421,8 +421,8 @@ def test_edited_laws_are_found(plain: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "bodies/ball0/ball/position", "bodies/ball1/ball/linear_velocity", "bodies/ball0/ball/quaternion",
-        "bodies/ball0/ball/angular_velocity", "energy/kinetic", "energy/potential", "observables/heights",
+        "bodies/ball0/position", "bodies/ball1/linear_velocity", "bodies/ball0/quaternion",
+        "bodies/ball0/angular_velocity", "energy/kinetic", "energy/potential", "observables/heights",
     ],
 )  # fmt: skip
 def test_what_does_not_follow_from_the_state_is_found(plain: Path, tmp_path: Path, name: str) -> None:
@@ -454,11 +454,11 @@ def test_units_are_verified(plain: Path, tmp_path: Path) -> None:
     with h5py.File(folder / "physics.h5", "r+") as file:
         del file["energy/kinetic"].attrs["unit"]
         file["energy/potential"].attrs["unit"] = "kJ"
-        del file["bodies/ball0/ball/quaternion"]
+        del file["bodies/ball0/quaternion"]
     assert set(told(verify(sealed(folder))).splitlines()) == {
         "physics.h5: energy/kinetic is not in J",
         "physics.h5: energy/potential is not in J",
-        "physics.h5: bodies/ball0/ball/quaternion is missing",
+        "physics.h5: bodies/ball0/quaternion is missing",
     }
 
 
@@ -466,7 +466,7 @@ def test_edited_annotations_are_found_without_checksums(plain: Path, tmp_path: P
     folder = copy(plain, tmp_path)
     path = folder / f"{folder.name}.json"
     motion = json.loads(path.read_text())
-    motion["actors"]["ball0/ball"]["transform_data"][3]["transform"]["location"]["z"] += 0.01
+    motion["actors"]["ball0"]["transform_data"][3]["transform"]["location"]["z"] += 0.01
     path.write_text(json.dumps(motion))
     properties = json.loads((folder / "properties.json").read_text())
     properties["1"]["density"] *= 2
