@@ -235,7 +235,7 @@ class RollDownSlope(Phenomenon, domain="mechanics"):
         expected = np.sqrt(2 * mark * (1 + BETA) / (g * sin(self.angle)))
         return np.array(times) / np.tile(expected, 2), np.ones(8)
 
-    @law("½ (1 + β) v² = g h", source="Landau & Lifshitz, Mechanics, §32 problem 6", within=(1e-10, 1e-11, 1e-11))
+    @law("½ (1 + β) v² = g h", source="Landau & Lifshitz, Mechanics, §32 eq. 32.1", within=(1e-10, 1e-11, 1e-11))
     def height_becomes_motion(self, run: Run) -> Measurement:
         """11d: v² at the bottom against 2 g h/(1 + β), h being the height come down."""
         twin = self.rolling(run)
