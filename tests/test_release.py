@@ -514,7 +514,7 @@ def test_contacts(made: Made) -> None:
     for k, when in enumerate(physics["contacts/time"]):
         names = {physics["contacts/first"][k].decode(), physics["contacts/second"][k].decode()}
         (ball,) = names - {"stage/floor"}
-        number = numbers[ball]
+        number = numbers[ball.partition("/")[0]]
         radius = float(np.linalg.norm(made.mesh(number)[0], axis=1).max())
         entry = told[str(number)]
         mass = entry["density"] * 4 / 3 * math.pi * radius**3
