@@ -78,7 +78,10 @@ class ObliqueProjectile(Phenomenon, domain="mechanics"):
         self._aim(scene)
         floor = Surface(friction=0.5, restitution=0.35)
         scene.material("stage/floor", 2000.0, floor)
-        scene.material("pad/foam", 50.0, Surface(friction=0.1, restitution=0.05))
+        for name in ("pad/foam", "pad/pad"):
+            scene.material(name, 50.0, Surface(friction=0.1, restitution=0.05))
+        scene.material("launcher/table", 600.0, floor)
+        scene.material("launcher/tube", 7800.0, floor)
         geom = self._load(scene)
         for name in (geom, self.body):
             scene.material(name, self.density, floor)
@@ -174,7 +177,11 @@ class ObliqueProjectile(Phenomenon, domain="mechanics"):
         flight = self.in_flight(run)
         return -acceleration(run.t[flight], run.position(self.body)[flight, 2]), g
 
-    @law("v_x = v₀ cos θ", source="Newton's first law", within=(1e-12, 1e-12, 1e-12))
+    @law(
+        "v_x = v₀ cos θ",
+        source="Newton, Principia, law I; Landau & Lifshitz, Mechanics, §3",
+        within=(1e-12, 1e-12, 1e-12),
+    )
     def nothing_slows_it_sideways(self, run: Run) -> Measurement:
         """9a: the horizontal velocity, which hidden damping would shrink."""
         flight = self.in_flight(run)
@@ -196,7 +203,9 @@ class ObliqueProjectile(Phenomenon, domain="mechanics"):
         fall = same.fall if ball is not run else self.fall
         return [landed, heights[0]], [self.range(fall), self.apex()]
 
-    @law("x(t; ρ, size, spin, shape) = x(t)", source="Galilei, Discorsi, first day", within=(1e-11, 1e-11, 1e-11))
+    @law(
+        "x(t; ρ, size, spin, shape) = x(t)", source="Galilei, Discorsi (1638), first day", within=(1e-11, 1e-11, 1e-11)
+    )
     def matter_size_and_spin_do_not_matter(self, run: Run) -> Measurement:
         """9c: displacements of this projectile and of another, heavier or lighter, larger, and turning otherwise."""
         other = run.again(

@@ -78,6 +78,8 @@ class RollDownSlope(Phenomenon, domain="mechanics"):
         surface = Surface(friction=self.friction, restitution=RESTITUTION)
         for ground in ("ramp/slope", "stage/floor", "pad/foam"):
             scene.material(ground, 700.0, surface)
+        scene.material("ramp/ramp", 700.0, surface)
+        scene.material("pad/pad", 50.0, surface)
         for lane, racer in enumerate(RACERS):
             self._place_racer(scene, racer, (lane - 1.5) * LANE * self.radius)
             scene.material(racer.contact, self.density, surface)
@@ -201,7 +203,7 @@ class RollDownSlope(Phenomenon, domain="mechanics"):
 
     @law(
         "a = g (sin α - μ cos α), ω̇ r = μ g cos α/β",
-        source="Coulomb's law; Euler, I ω̇ = F r",
+        source="Coulomb's law; Landau & Lifshitz, Mechanics, §34 eq. 34.3",
         within=(1e-10, 1e-11, 1e-11),
     )
     def slipping_spins_up_slowly(self, run: Run) -> Measurement:

@@ -162,6 +162,7 @@ class DoublePendulum(Phenomenon, domain="mechanics"):
         part.geom("end_bob").size[0], part.geom("end_bob").mass = r2, self.mass2
         if row:
             part.geom("elbow_bob").material, part.geom("end_bob").material = part.name("orange"), part.name("teal")
+        scene.material(part.name("stand"), 7800.0, Surface(friction=0.4, restitution=0.5))
         for bob in ("upper", "lower"):
             scene.material(part.name(bob), self.density, Surface(friction=0.4, restitution=0.5))
         scene.start[part.name("shoulder")] = angle1
