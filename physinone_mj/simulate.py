@@ -218,8 +218,11 @@ class Stepper:
                 self.data.qvel[address : address + 3] += boost
         self._pushes = [effect.bind(self.model) for effect in compiled.scene.effects]
         self._contacts = contact.Solver(self.model, compiled.pairs) if compiled.pairs else None
-        self._sample = 0
+        self._sample, self._clock = 0, self.data.time
+        self._steps, self._rate = compiled.steps, compiled.scene.fps * compiled.stride
         self._warned: list[str] = []
+        self._state = self.data.qpos, self.data.qvel, self.data.warning.number
+        self._applied = self.data.xfrc_applied
         _forward(self.model, self.data)
 
     def __enter__(self) -> Stepper:
@@ -234,38 +237,36 @@ class Stepper:
         mujoco.set_mju_user_warning(None)
 
     def _push(self, _model: Any, data: Any) -> None:
-        data.xfrc_applied[:] = 0.0
+        self._applied.fill(0.0)
         for push in self._pushes:
             push(data)
 
     def advance(self) -> None:
-        """One sample further; the state is left exactly at its time. UnstableScene if anything broke on the way."""
-        compiled, data = self.compiled, self.data
-        before = data.time
+        """One sample further; the state is left exactly at its time. UnstableScene if contact forces do not settle."""
+        data = self.data
         self._sample += 1
         if self._contacts is None:
-            mujoco.mj_step(self.model, data, nstep=compiled.steps)
+            mujoco.mj_step(self.model, data, self._steps)
         else:
             try:
-                for _ in range(compiled.steps):
+                for _ in range(self._steps):
                     self._step()
             except contact.NotSettled as why:
-                raise UnstableScene(compiled.specimen, data.time, str(why)) from None
-        if not data.time > before:
-            raise UnstableScene(compiled.specimen, before, f"time went from {before} to {data.time}")
+                raise UnstableScene(self.compiled.specimen, data.time, str(why)) from None
         # counted, not summed: the clock of sample n is the same double whatever the steps were
-        data.time = self._sample / (compiled.scene.fps * compiled.stride)
+        self._clock, data.time = data.time, self._sample / self._rate
 
     def inspect(self) -> None:
-        """UnstableScene if the state is not finite or MuJoCo warned."""
-        data = self.data
-        for name in ("qpos", "qvel"):
-            if not np.isfinite(getattr(data, name)).all():
-                raise UnstableScene(self.compiled.specimen, data.time, f"{name} is not finite")
-        if data.warning.number.any():
-            kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(data.warning.number)[0]]
+        """UnstableScene if the state is not finite, MuJoCo warned, or its clock is not that of the samples."""
+        for name, values in zip(("qpos", "qvel"), self._state, strict=False):
+            if not np.isfinite(values).all():
+                raise UnstableScene(self.compiled.specimen, self.data.time, f"{name} is not finite")
+        if not math.isclose(self._clock, self.data.time, rel_tol=1e-9, abs_tol=1e-9):
+            raise UnstableScene(self.compiled.specimen, self.data.time, f"MuJoCo's clock stands at {self._clock} s")
+        if self._state[2].any():
+            kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(self._state[2])[0]]
             said = self._warned[0].strip() if self._warned else "(nothing)"
-            raise UnstableScene(self.compiled.specimen, data.time, f"MuJoCo warned: {', '.join(kinds)}: {said}")
+            raise UnstableScene(self.compiled.specimen, self.data.time, f"MuJoCo warned: {', '.join(kinds)}: {said}")
 
     def _step(self) -> None:
         solver, model, data = self._contacts, self.model, self.data

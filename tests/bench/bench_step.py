@@ -24,7 +24,7 @@ from physinone_mj.scene import Scene, free_pose
 from physinone_mj.simulate import Stepper, build
 from physinone_mj.simulate import compile as compile_scene
 
-TURNS, SAMPLES = 25, 60
+TURNS, SAMPLES = 11, 480
 
 
 class TenInTheWind(Phenomenon, domain="mechanics"):
