@@ -222,7 +222,7 @@ class Stepper:
         self._steps, self._rate = compiled.steps, compiled.scene.fps * compiled.stride
         self._warned: list[str] = []
         self._state = self.data.qpos, self.data.qvel, self.data.warning.number
-        self._applied = self.data.xfrc_applied
+        self._clear = self.data.xfrc_applied.fill
         _forward(self.model, self.data)
 
     def __enter__(self) -> Stepper:
@@ -237,7 +237,7 @@ class Stepper:
         mujoco.set_mju_user_warning(None)
 
     def _push(self, _model: Any, data: Any) -> None:
-        self._applied.fill(0.0)
+        self._clear(0.0)
         for push in self._pushes:
             push(data)
 
@@ -258,15 +258,17 @@ class Stepper:
 
     def inspect(self) -> None:
         """UnstableScene if the state is not finite, MuJoCo warned, or its clock is not that of the samples."""
-        for name, values in zip(("qpos", "qvel"), self._state, strict=False):
-            if not np.isfinite(values).all():
-                raise UnstableScene(self.compiled.specimen, self.data.time, f"{name} is not finite")
-        if not math.isclose(self._clock, self.data.time, rel_tol=1e-9, abs_tol=1e-9):
-            raise UnstableScene(self.compiled.specimen, self.data.time, f"MuJoCo's clock stands at {self._clock} s")
-        if self._state[2].any():
-            kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(self._state[2])[0]]
-            said = self._warned[0].strip() if self._warned else "(nothing)"
-            raise UnstableScene(self.compiled.specimen, self.data.time, f"MuJoCo warned: {', '.join(kinds)}: {said}")
+        qpos, qvel, warned = self._state
+        clocks = math.isclose(self._clock, self.data.time, rel_tol=1e-9, abs_tol=1e-9)
+        if clocks and not warned.dot(warned) and math.isfinite(qpos.dot(qpos) + qvel.dot(qvel)):
+            return
+        wrong = [f"{name} is not finite" for name, x in (("qpos", qpos), ("qvel", qvel)) if not np.isfinite(x).all()]
+        if warned.any():
+            kinds = [mujoco.mjtWarning(i).name for i in np.nonzero(warned)[0]]
+            wrong.append(f"MuJoCo warned: {', '.join(kinds)}: {''.join(self._warned[:1]).strip()}")
+        if not clocks:
+            wrong.append(f"MuJoCo's clock stands at {self._clock} s")
+        raise UnstableScene(self.compiled.specimen, self.data.time, "; ".join(wrong) or "the state is beyond 1e150")
 
     def _step(self) -> None:
         solver, model, data = self._contacts, self.model, self.data
