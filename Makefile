@@ -33,8 +33,8 @@ endef
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST)
 
-demo: $(READY) graphics  ## set up, then simulate, verify and render phenomenon 46 into out/
-	$(BIN)/physinone run 46 -o out/
+demo: $(READY) graphics  ## set up, then simulate, verify and film phenomenon 46 into out/, at 480 pixels
+	$(BIN)/physinone run 46 --size 480 -o out/
 
 test: $(READY) graphics  ## set up, then run the test suite, one process per core
 	$(BIN)/pytest -q -n auto --dist worksteal
