@@ -17,8 +17,9 @@ The targets are velocities, at the end of a step or of an instantaneous impact:
     impact   v_n' = -e v_n (I. Newton's law of restitution), v_t' = 0 within the same cone of impulses
 
 Defects, stated: one coefficient of restitution per pair, whatever the speed, and impulses that are resolved together
-when contacts close at the same instant (a cradle needs gaps). Static friction passes to kinetic at a slip of
-`CREEP` m/s, a step and not Stribeck's curve.
+when contacts close at the same instant (a cradle needs gaps). Newton's restitution together with friction can create
+energy where a corner strikes obliquely (T. R. Kane, 1984); in heaps of boxes up to 3e-3 of the whole was seen, with
+balls none. Static friction passes to kinetic at a slip of `CREEP` m/s, a step and not Stribeck's curve.
 """
 
 from __future__ import annotations
