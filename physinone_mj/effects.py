@@ -243,7 +243,7 @@ class AirStream:
 
 
 class TooClose(ArithmeticError):
-    """Two magnetic poles came within the core, where a point pole is no magnet any more."""
+    """Two magnetic poles came within half the core, where a point pole is no magnet any more."""
 
 
 @dataclass(frozen=True)
@@ -349,9 +349,9 @@ class Magnets:
 
         def push(data: Any) -> None:
             nearest = attract(data)
-            # bodies in contact may overlap by round-off
-            if nearest < core * (1 - 1e-3):
-                raise TooClose(f"two magnetic poles came within {nearest:.3g} m, nearer than the core of {core:.3g} m")
+            # a trial step may pass through the surfaces before the instant of contact is found
+            if nearest < core / 2:
+                raise TooClose(f"two magnetic poles came within {nearest:.3g} m, less than half of {core:.3g} m")
 
         return push
 

@@ -89,6 +89,18 @@ def acceleration(t: Array, x: Array) -> float:
     return float(2 * fit(t, x, 2)[2])
 
 
+def accelerations(t: Array, x: Array, v: Array) -> Array:
+    """Second derivatives (T - 4,) of uniform samples at all but the two first and last, to the eighth order.
+
+    From the positions and velocities of five neighbours; v is the derivative of x.
+    """
+    h = t[1] - t[0]
+    sums, slopes = x[3:-1] + x[1:-3], v[3:-1] - v[1:-3]
+    wide_sums, wide_slopes = x[4:] + x[:-4], v[4:] - v[:-4]
+    curved = -5 * x[2:-2] + 64 / 27 * sums + 7 / 54 * wide_sums
+    return np.asarray(curved / h**2 - (8 / 9 * slopes + wide_slopes / 36) / h)
+
+
 def around(run: Run, body: str, when: float, *, spin: bool = False) -> tuple[Array, Array]:
     """A body's velocity (3,) just before and just after an impact, extrapolated to it by straight-line fits over 20 ms.
 

@@ -283,10 +283,10 @@ def test_poles_within_the_core_are_refused() -> None:
 def test_poles_that_reach_the_core_break_the_run_off() -> None:
     model, data = bars(2)
     effect = magnets(1e-3, 1e-3, core=0.01)
-    data.qpos[7] = 0.0905
+    data.qpos[7] = 0.0855
     assert pushed(effect, model, data).any()
-    data.qpos[7] = 0.0895
-    with pytest.raises(TooClose, match=r"within 0.0095 m, nearer than the core of 0.01 m"):
+    data.qpos[7] = 0.0845
+    with pytest.raises(TooClose, match=r"within 0\.0045 m, less than half of 0\.01 m"):
         pushed(effect, model, data)
 
 
