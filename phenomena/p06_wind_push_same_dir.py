@@ -181,7 +181,7 @@ class WindPushSameDir(Phenomenon, domain="mechanics"):
         speeds = specimen.beyond(one)
         return speeds, np.full_like(speeds, specimen.gained(self.length))
 
-    @law("v = const for s > L", source="Newton, Principia, law I", within=(1e-9, 1e-10, 1e-11))
+    @law("v = const for s > L", source="Newton, Principia, law 1", within=(1e-9, 1e-10, 1e-11))
     def nothing_pushes_beyond_the_wind(self, run: Run) -> Measurement:
         """6b: speed after the wind, against its value just after the end."""
         speeds = self.beyond(run)

@@ -219,7 +219,7 @@ class FrictionStop(Phenomenon, domain="mechanics"):
             raise NotEvaluated("the strips are too short")
         return [[self.slid(twin, b)[-1] for b in bodies] for twin in twins], [[self.distance(b) for b in bodies]] * 2
 
-    @law("z = const", source="Coulomb's law has no normal part; measured z against the bodies' sizes", unit="m",
+    @law("z = const", source="Coulomb, Théorie des machines simples (1785): friction has no normal part", unit="m",
          within=(1e-8, 1e-8, 1e-8))  # fmt: skip
     def nothing_hops(self, run: Run) -> Measurement:
         """21e: heights of the sliding bricks and the ball above their strips, until a stop is met."""
@@ -232,7 +232,7 @@ class FrictionStop(Phenomenon, domain="mechanics"):
         seen = np.array([run.position(b)[mask, 2] for b in heights])
         return seen - 0.001, np.array(list(heights.values()))[:, None] + np.zeros_like(seen)
 
-    @law("μ = (μ₁ + μ₂)/2", source="this engine's declared rule: Surface.against", within=(1e-4, 2e-6, 2e-7))
+    @law("μ = (μ₁ + μ₂)/2", source="Unreal Engine 5 manual, Physical Materials: combine mode Average", within=(1e-4, 2e-6, 2e-7))
     def both_surfaces_count_alike(self, run: Run) -> Measurement:
         """21f: friction from the stopping ways on both strips, and with brick and rough strip swapped."""
         bodies = self.sliders()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .base import Refusal
 from .constants import AIR_DENSITY
+from .contact import Surface
 from .scene import Part, Push, Scene
 
 Array = NDArray[np.float64]
@@ -401,6 +402,8 @@ def fan(scene: Scene, box: Box, name: str = "fan", turning: float = 14.0) -> Par
     for side, sign in (("left", 1), ("right", -1)):
         part.geom(side).fromto = (0, sign * 0.25, 0, 0, sign * 0.25, 0.015 - height)
         part.geom(f"{side}_foot").pos[2] = 0.01 - height
+    scene.material(part.name("fan"), 2700.0, Surface(friction=0.3, restitution=0.3))
+    scene.material(part.name("rotor"), 1100.0, Surface(friction=0.3, restitution=0.3))
     scene.speed[part.name("rotor")] = turning
     air = part.geom("air")
     air.size, air.pos = (box.length / 2, box.width / 2, box.height / 2), (box.length / 2, 0, 0)

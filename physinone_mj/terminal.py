@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -105,7 +104,7 @@ def say(*things: RenderableType) -> None:
     """Print to standard output: as wide as the terminal, or wide enough for a table where there is none."""
     from rich.console import Console
 
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
+    width = None if sys.stdout.isatty() else PLAIN_WIDTH
     Console(width=width, markup=False, highlight=False, emoji=False).print(*things, sep="\n")
 
 
