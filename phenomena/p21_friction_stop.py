@@ -232,7 +232,8 @@ class FrictionStop(Phenomenon, domain="mechanics"):
         seen = np.array([run.position(b)[mask, 2] for b in heights])
         return seen - 0.001, np.array(list(heights.values()))[:, None] + np.zeros_like(seen)
 
-    @law("μ = (μ₁ + μ₂)/2", source="Unreal Engine 5 manual, Physical Materials: combine mode Average", within=(1e-4, 2e-6, 2e-7))
+    @law("μ = (μ₁ + μ₂)/2", source="Unreal Engine 5 manual, Physical Materials: combine mode Average",
+         within=(1e-4, 2e-6, 2e-7))  # fmt: skip
     def both_surfaces_count_alike(self, run: Run) -> Measurement:
         """21f: friction from the stopping ways on both strips, and with brick and rough strip swapped."""
         bodies = self.sliders()
