@@ -32,7 +32,7 @@ class MovingHitsStationary(Phenomenon, domain="mechanics"):
     restitution: Annotated[float, Param("1", 0.1, 1.0, "of the rolling ball; the pair has the mean")] = 0.8
     target_restitution: Annotated[float, Param("1", 0.1, 1.0, "of what it strikes; the pair has the mean")] = 0.6
     floor_friction: Annotated[float, Param("1", 0.0, 0.3, "of floor and bodies together; the bodies are smooth")] = 0.2
-    radius: Annotated[float, Param("m", 0.03, 0.1, "ball, and half the height of what it strikes")] = 0.08
+    radius: Annotated[float, Param("m", 0.03, 0.1, "ball, and half the height of what it strikes")] = 0.1
     density: Annotated[float, Param("kg/m³", 100.0, 21300.0, "rolling ball")] = 1700.0
     target_density: Annotated[float, Param("kg/m³", 100.0, 21300.0, "what it strikes")] = 700.0
 
@@ -61,7 +61,7 @@ class MovingHitsStationary(Phenomenon, domain="mechanics"):
     @property
     def way(self) -> float:
         """Of the rolling ball until it hits [m]."""
-        return min(max(0.75 * self.speed, 0.3), 1.5)
+        return min(max(0.35 * self.speed, 0.3), 1.5)
 
     @property
     def pair_restitution(self) -> float:
@@ -81,7 +81,7 @@ class MovingHitsStationary(Phenomenon, domain="mechanics"):
 
     def build(self, scene: Scene) -> None:
         """A court with rails, a ball rolling, and in its middle what it strikes."""
-        half = max(1.0, self.way + 0.5)
+        half = self.way + 3 * self.radius + 0.1
         # the bodies are smooth, so that they do not rub on one another: the floor alone brings the friction
         scene.material("stage/floor", 2400.0, Surface(friction=2 * self.floor_friction, restitution=0.4))
         rails = court(scene, half, Surface(restitution=0.4))

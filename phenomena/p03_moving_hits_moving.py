@@ -36,8 +36,8 @@ class MovingHitsMoving(Phenomenon, domain="mechanics"):
     offset: Annotated[float, Param("1", -0.9, 0.9, "impact parameter over the sum of the radii")] = 0.3
     restitution: Annotated[float, Param("1", 0.1, 0.8, "of the two balls together")] = 0.7
     friction: Annotated[float, Param("1", 0.0, 0.9, "of the two balls together")] = 0.3
-    first_radius: Annotated[float, Param("m", 0.03, 0.12, "first ball")] = 0.1
-    second_radius: Annotated[float, Param("m", 0.03, 0.12, "second ball")] = 0.08
+    first_radius: Annotated[float, Param("m", 0.03, 0.12, "first ball")] = 0.12
+    second_radius: Annotated[float, Param("m", 0.03, 0.12, "second ball")] = 0.1
     first_density: Annotated[float, Param("kg/m³", 100.0, 21300.0, "first ball")] = 600.0
     second_density: Annotated[float, Param("kg/m³", 100.0, 21300.0, "second ball")] = 900.0
 
@@ -84,7 +84,7 @@ class MovingHitsMoving(Phenomenon, domain="mechanics"):
         if closing * RISE < APART:
             raise Refusal("R1", f"{self.label}: closing at {closing:.3g} m/s leaves {closing * RISE:.3g} m between the "
                           f"balls at the throw; allowed: {APART:g} m, closing at {APART / RISE:.3g} m/s")  # fmt: skip
-        half = 1.0 + max(self.first_speed, self.second_speed) / 2
+        half = 0.35 + 0.5 * max(self.first_speed, self.second_speed)
         ground = Surface(friction=0.4, restitution=0.3)
         scene.material("stage/floor", 2400.0, ground)
         rails = court(scene, half, ground)

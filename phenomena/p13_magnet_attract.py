@@ -131,6 +131,8 @@ class MagnetAttract(Phenomenon, domain="magnetism"):
     def rail(self, scene: Scene, source: Part, loose: Part, apart: float) -> None:
         """On two smooth rods; a block holds the source, if one is held."""
         rail, z, reach = scene.add("rail"), HEIGHT + self.half_height, apart + 1.5 * self.half_length
+        scene.material(rail.name("rail"), 7800.0, Surface())
+        scene.material(rail.name("clamp"), 700.0, Surface())
         for rod, side in (("near", -1), ("far", 1)):
             y = side * 0.6 * self.half_width(min(self.mass, self.source_mass))
             rail.geom(rod).fromto = (-reach, y, HEIGHT - 0.004, reach, y, HEIGHT - 0.004)
@@ -156,6 +158,8 @@ class MagnetAttract(Phenomenon, domain="magnetism"):
     def compass(self, scene: Scene, source: Part, loose: Part, apart: float) -> None:
         """The source on a shelf, the other balanced on a pin."""
         stand, z = scene.add("compass"), HEIGHT + self.half_height
+        for body in ("stand", "shelf"):
+            scene.material(stand.name(body), 700.0, Surface())
         scene.spec.delete(source.joint("motion"))
         loose.joint("motion").type, loose.joint("motion").axis = mujoco.mjtJoint.mjJNT_HINGE, (0, 0, 1)
         source.body("magnet").pos, loose.body("magnet").pos = (-2 * apart, 0, z), (0, 0, z)
@@ -242,7 +246,7 @@ class MagnetAttract(Phenomenon, domain="magnetism"):
         gap, speed = specimen.pole_gap(one)[:count], specimen.approach(one)[:count]
         return specimen.reduced_mass * speed**2 / 2, specimen.well(gap) - specimen.well(self.gap)
 
-    @law("m₁ v₁ + m₂ v₂ = 0", source="Newton, Principia, law III", within=(1e-11, 1e-11, 1e-12))
+    @law("m₁ v₁ + m₂ v₂ = 0", source="Newton, Principia, law 3", within=(1e-11, 1e-11, 1e-12))
     def action_is_reaction(self, run: Run) -> Measurement:
         """13c: momentum of the two, both free, contact included: that of one against that of the other."""
         _, one = self.twin(run, place="both on a rail")

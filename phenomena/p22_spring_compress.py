@@ -108,7 +108,7 @@ class SpringCompress(Phenomenon, domain="mechanics"):
     @property
     def way_to_go(self) -> float:
         """From the glider's nose to the plate, at the start [m]."""
-        return min(2.0 * self.speed, 1.2)
+        return min(1.2 * self.speed, 1.0)
 
     @property
     def duration(self) -> float:
@@ -137,17 +137,18 @@ class SpringCompress(Phenomenon, domain="mechanics"):
     def lying(self, scene: Scene, spring: Part) -> None:
         """Along the air track, the wall at its end."""
         glider = scene.add("glider")
+        scene.material(glider.name("track"), 2700.0, Surface())
         height = 0.15
         spring.body("spring").pos[2] = height
         wall = spring.geom("wall")
         wall.size[2], wall.pos[2] = (height + 0.07) / 2, (0.07 - height) / 2
         start = self.length + PLATE + self.way_to_go + NOSE
-        end = start + self.way_to_go + 0.25
+        end = start + 0.25  # the glider comes back no faster than it went
         glider.geom("beam").pos[0], glider.geom("beam").size[0] = end / 2, end / 2
         glider.geom("left_foot").pos[0], glider.geom("right_foot").pos[0] = self.length, end - 0.05
         glider.body("glider").pos[0] = start
         glider.geom("block").mass = self.mass
-        glider.geom("block").pos[0], glider.geom("nose").pos[0] = 0.0, -NOSE + 0.02
+        glider.geom("nose").pos[0] = -NOSE + 0.02
         scene.speed[glider.name("glider")] = -self.speed
 
     def standing(self, scene: Scene, spring: Part) -> None:
@@ -278,7 +279,7 @@ class SpringCompress(Phenomenon, domain="mechanics"):
             raise NotEvaluated(f"{len(heights)} swings recorded; needed: 2")
         return np.log(heights[0] / heights[-1]) / (len(heights) - 1), 2 * pi * damping / sqrt(1 - damping**2)
 
-    @law("L = L₀ - x", source="kinematics: the coil ends at the plate, the plate at the body",
+    @law("L = L₀ - x", source="PhysInOne, Table 8, index 22: the coil ends at the plate, the plate at the body",
          within=(1e-7, 1e-7, 1e-7), limited_by="surfaces that touch may overlap by nanometres")  # fmt: skip
     def coil_is_drawn_as_long_as_it_is(self, run: Run) -> Measurement:
         """22d: length of the coil while the body presses, against where the body is."""

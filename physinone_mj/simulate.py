@@ -242,17 +242,17 @@ class Stepper:
             push(data)
 
     def advance(self) -> None:
-        """One sample further; the state is left exactly at its time. UnstableScene if contact forces do not settle."""
+        """One sample further; the state is left exactly at its time. UnstableScene if it cannot be taken."""
         data = self.data
         self._sample += 1
-        if self._contacts is None:
-            mujoco.mj_step(self.model, data, self._steps)
-        else:
-            try:
+        try:
+            if self._contacts is None:
+                mujoco.mj_step(self.model, data, self._steps)
+            else:
                 for _ in range(self._steps):
                     self._step()
-            except contact.NotSettled as why:
-                raise UnstableScene(self.compiled.specimen, data.time, str(why)) from None
+        except ArithmeticError as why:  # contact that does not settle, or an effect beyond its validity
+            raise UnstableScene(self.compiled.specimen, data.time, str(why)) from None
         # counted, not summed: the clock of sample n is the same double whatever the steps were
         self._clock, data.time = data.time, self._sample / self._rate
 
