@@ -191,7 +191,7 @@ class FrictionStop(Phenomenon, domain="mechanics"):
         return atan(mu)
 
     @law("tan α = μ", source="Coulomb, Théorie des machines simples (1785); Euler, Mém. Acad. Berlin 4 (1748) 122",
-         within=(1e-3, 1e-3, 1e-3))  # fmt: skip
+         within=(1e-3, 1e-3, 1e-3), limited_by="the width of the bracket")  # fmt: skip
     def plank_lets_go_at_the_angle_of_repose(self, run: Run) -> Measurement:
         """21c: the brick holds on a plank a little flatter and goes on one a little steeper."""
         angle = self.repose()

@@ -122,8 +122,9 @@ def around(run: Run, body: str, when: float, *, spin: bool = False) -> tuple[Arr
 def threshold(goes: Callable[[float], bool], guess: float, *, spread: float, resolution: float) -> float:
     """The value at which `goes` turns from False to True, by bisection between guess·(1 ∓ spread).
 
-    resolution: relative width at which to stop; the middle of the last bracket is returned. NaN (which fails any law)
-    if the bracket does not hold at its lower end or does not go at its upper end.
+    resolution: relative width at which to stop. Returned is the end of the last bracket that lies farther from the
+    guess: what is known is that the threshold is no farther. NaN (which fails any law) if the first bracket does not
+    hold at its lower end or does not go at its upper end.
     """
     low, high = guess * (1 - spread), guess * (1 + spread)
     if goes(low) or not goes(high):
@@ -131,4 +132,4 @@ def threshold(goes: Callable[[float], bool], guess: float, *, spread: float, res
     while high - low > resolution * guess:
         middle = (low + high) / 2
         low, high = (low, middle) if goes(middle) else (middle, high)
-    return (low + high) / 2
+    return max(low, high, key=lambda end: abs(end - guess))
