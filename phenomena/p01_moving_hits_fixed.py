@@ -189,7 +189,7 @@ class MovingHitsFixed(Phenomenon, domain="mechanics"):
         had = 0.5 * (self.speed**2 + k * self.spin**2)
         return 0.5 * (v @ v + k * w @ w - v_ @ v_ - k * w_ @ w_) / had, blow.loss / had
 
-    @law("Δx = 0", source="Newton, Principia, law 3 (the earth takes it)", unit="m", within=(1e-6, 1e-6, 1e-6))
+    @law("Δx = 0", source="by definition: what is fixed does not move", unit="m", within=(1e-6, 1e-6, 1e-6))
     def the_wall_stays(self, run: Run) -> Measurement:
         """1d: displacement of the wall, and the ball's surface from where its face was built, at every hit."""
         places = run.position("wall/wall")

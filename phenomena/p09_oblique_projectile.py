@@ -204,7 +204,7 @@ class ObliqueProjectile(Phenomenon, domain="mechanics"):
         return [landed, heights[0]], [self.range(fall), self.apex()]
 
     @law(
-        "x(t; ρ, size, spin, shape) = x(t)", source="Galilei, Discorsi (1638), first day", within=(1e-11, 1e-11, 1e-11)
+        "x(t; ρ, size, spin, shape) = x(t)", source="Galilei, Discorsi (1638), first day", within=(1e-11, 1e-11, 1e-12)
     )
     def matter_size_and_spin_do_not_matter(self, run: Run) -> Measurement:
         """9c: displacements of this projectile and of another, heavier or lighter, larger, and turning otherwise."""

@@ -98,7 +98,7 @@ class VerticalFall(Phenomenon, domain="mechanics"):
         return [-acceleration(run.t[mask], h) for h in self.heights(run)[mask].T], np.full(self.count, g)
 
     @law("v = √(2 g h)", source="Galilei, Discorsi, day 3, prop. 3; Landau & Lifshitz, Mechanics, §11",
-         within=(1e-7, 1e-8, 2e-9), limited_by="the instant of an impact is located to a nanometre")  # fmt: skip
+         within=(1e-7, 1e-8, 1e-9), limited_by="the instant of an impact is located to a nanometre")  # fmt: skip
     def lands_with_torricellis_speed(self, run: Run) -> Measurement:
         """10a: speed just before the first impact, extrapolated from the velocities recorded before it."""
         speeds = []
@@ -140,7 +140,7 @@ class VerticalFall(Phenomenon, domain="mechanics"):
         return lasts, np.full(self.count, self.rest)
 
     @law("t = √(2 h/g), whatever the mass", source="Galilei, Discorsi, day 1; Newton, Principia, Book III, prop. 6",
-         within=(1e-7, 1e-8, 2e-9), limited_by="the instant of an impact is located to a nanometre")  # fmt: skip
+         within=(1e-7, 1e-8, 1e-9), limited_by="the instant of an impact is located to a nanometre")  # fmt: skip
     def all_land_together(self, run: Run) -> Measurement:
         """10d: first impact of every ball here and, alone, of one eight times as heavy (or as light)."""
         low, high = 1000.0, 8000.0

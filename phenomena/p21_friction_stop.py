@@ -232,7 +232,7 @@ class FrictionStop(Phenomenon, domain="mechanics"):
         seen = np.array([run.position(b)[mask, 2] for b in heights])
         return seen - 0.001, np.array(list(heights.values()))[:, None] + np.zeros_like(seen)
 
-    @law("μ = (μ₁ + μ₂)/2", source="Unreal Engine 5 manual, Physical Materials: combine mode Average",
+    @law("μ = (μ₁ + μ₂)/2", source="by definition: the pair rule of contact.Surface",
          within=(1e-4, 2e-6, 2e-7))  # fmt: skip
     def both_surfaces_count_alike(self, run: Run) -> Measurement:
         """21f: friction from the stopping ways on both strips, and with brick and rough strip swapped."""

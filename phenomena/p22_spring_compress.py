@@ -279,7 +279,7 @@ class SpringCompress(Phenomenon, domain="mechanics"):
             raise NotEvaluated(f"{len(heights)} swings recorded; needed: 2")
         return np.log(heights[0] / heights[-1]) / (len(heights) - 1), 2 * pi * damping / sqrt(1 - damping**2)
 
-    @law("L = L₀ - x", source="PhysInOne, Table 8, index 22: the coil ends at the plate, the plate at the body",
+    @law("L = L₀ - x", source="by definition: the coil ends at the plate, the plate at the body",
          within=(1e-7, 1e-7, 1e-7), limited_by="surfaces that touch may overlap by nanometres")  # fmt: skip
     def coil_is_drawn_as_long_as_it_is(self, run: Run) -> Measurement:
         """22d: length of the coil while the body presses, against where the body is."""

@@ -356,10 +356,9 @@ def test_views_agree_with_each_other(made: Made) -> None:
                 assert agree.mean() > 0.97
 
 
+@pytest.mark.parametrize("made", [10], indirect=True)
 def test_spheres_are_drawn_to_the_pixel(made: Made) -> None:
     """Depth, ids and silhouettes against rays through the pixels' centres, from the recorded centres alone."""
-    if made.index != 10:
-        pytest.skip("not of balls alone")
     actors = made.actors()
     radius = {number: float(np.linalg.norm(made.mesh(number)[0], axis=1).max()) for number in actors}
     for camera, frame in chosen(made):
