@@ -58,6 +58,70 @@ class Coil:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """A motor on a hinge or a slide: it holds the joint's speed to a course, with no more than its greatest force.
+
+    course: (time [s], speed [rad/s or m/s]) in order of time; linear between, constant before and after
+    force: greatest torque or force [N m or N]; infinite: the motion is prescribed, whatever stands in its way
+    off: when it is switched off, after which the joint runs freely [s]
+    """
+
+    joint: str
+    course: tuple[tuple[float, float], ...]
+    force: float = math.inf
+    off: float = math.inf
+
+    def __post_init__(self) -> None:
+        times = [time for time, _ in self.course]
+        if not times or times != sorted(set(times)) or not np.isfinite(self.course).all():
+            raise ValueError(f"course = {self.course} of a motor; allowed: (time, speed) in order of time")
+        if not self.force > 0:
+            raise ValueError(f"force = {self.force} of a motor; allowed: positive")
+
+    def speed(self, time: float) -> float:
+        """Speed that it holds at a time [rad/s or m/s]."""
+        times, speeds = zip(*self.course, strict=True)
+        return float(np.interp(time, times, speeds))
+
+
+@dataclass(frozen=True)
+class Bond:
+    """A weld between two bodies that breaks: when |F| + |M|/lever exceeds its strength.
+
+    weld: name of the MJCF equality; strength [N]; lever: arm at which a moment counts as a force [m].
+    An impact's impulse J counts as a force J/`contact.CONTACT_TIME`.
+    """
+
+    weld: str
+    strength: float
+    lever: float
+
+    def __post_init__(self) -> None:
+        if not self.strength > 0 or not 0 < self.lever:
+            raise ValueError(f"strength = {self.strength} N, lever = {self.lever} m of a bond; allowed: positive")
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """The inside of a spherical cup, as a surface that spheres and boxes touch exactly.
+
+    geom: what is seen of it (its surface's friction rules); site: the centre of the sphere, its z axis the cup's;
+    radius of the inside [m]; rim: height of the rim's plane above the centre, along that axis [m]
+    Source: two spheres, one inside the other; a box touches with its corners.
+    Defect: the rim is a line of no thickness that nothing touches, and the outside is not there.
+    """
+
+    geom: str
+    site: str
+    radius: float
+    rim: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius < math.inf or not abs(self.rim) < self.radius:
+            raise ValueError(f"radius = {self.radius} m, rim = {self.rim} m of a bowl; allowed: |rim| < radius")
+
+
+@dataclass(frozen=True)
 class Matter:
     """What an object is made of, as the released dataset labels it: density [kg/m³] and surface."""
 
@@ -109,6 +173,8 @@ class Scene:
 
     gravity: downwards [m/s²]
     fps: frames per second of the video (30; 60 for laser scenes, as in the release)
+    control: of MJCF actuators, by name, constant (a `<motor>`'s force or torque [N or N m])
+    cuts: when an MJCF equality (a holder, a glue) or a tendon's limit (a string) ceases to hold, by its name [s]
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -121,6 +187,11 @@ class Scene:
     speed: dict[str, ArrayLike] = field(default_factory=dict)
     matter: dict[str, Matter] = field(default_factory=dict)
     touching: list[tuple[str, str]] = field(default_factory=list)
+    motors: list[Motor] = field(default_factory=list)
+    bonds: list[Bond] = field(default_factory=list)
+    bowls: list[Bowl] = field(default_factory=list)
+    control: dict[str, float] = field(default_factory=dict)
+    cuts: dict[str, float] = field(default_factory=dict)
     time: float = math.inf
     length: float = math.inf
     duration: float = 0.0
