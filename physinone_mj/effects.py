@@ -38,6 +38,9 @@ LINEAR: Final[Profile] = (1.0, -1.0, 0.0)
 UNIFORM: Final[Profile] = (1.0, 0.0, 0.0)
 """The same everywhere."""
 
+SPHERE_ADDED_MASS: Final = 0.5
+"""C_m of a sphere in an ideal fluid: half of what it displaces (Landau & Lifshitz, Fluid Mechanics, §11 problem 1)."""
+
 
 def _ids(model: Any, kind: Any, names: Sequence[str]) -> NDArray[np.int64]:
     found = [mujoco.mj_name2id(model, kind, name) for name in names]
@@ -65,7 +68,9 @@ class Box:
     """Where a wind blows: a box of air whose source is one of its faces.
 
     origin: centre of the source face [m]; axis: where the wind blows to; length: along it [m]; width: across, and
-    horizontal [m]; height: across both [m]
+    horizontal [m]; height: across both [m]; edge [m]: diameter of the ball that passes the four sides of the box: it
+    feels the wind by the part of its volume that is inside, 3 u² - 2 u³ for u from 0 to 1 (0: all or nothing, by its
+    centre). A side that is passed needs an edge, or a step that straddles it errs by its own length.
     """
 
     origin: Vector
@@ -73,8 +78,11 @@ class Box:
     length: float
     width: float
     height: float
+    edge: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.edge <= min(self.width, self.height):
+            raise ValueError(f"edge = {self.edge} m of a wind; allowed: 0 to its width and height")
         for name in ("length", "width", "height"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} = {getattr(self, name)} m of a wind; allowed: positive and finite")
@@ -97,9 +105,20 @@ class Box:
         return np.where(inside, local[..., 0], np.nan)
 
     def _packed(self, profile: Profile, *scale: float) -> Array:
-        """Everything a compiled wind needs: origin, frame, extents, profile and scale factors, (18 + n,)."""
-        extents = (self.length, self.width / 2, self.height / 2)
+        """Everything a compiled wind needs: origin, frame, extents and edge, profile and scale factors, (19 + n,)."""
+        extents = (self.length, self.width / 2, self.height / 2, self.edge)
         return np.concatenate([self.origin, self.frame.ravel(), extents, profile, scale])
+
+
+@njit(cache=True)
+def _immersed(depth: float, edge: float) -> float:
+    """Part of a ball's volume that is inside a face, its centre `depth` inside and its diameter `edge`."""
+    if 2.0 * depth >= edge:
+        return 1.0
+    if 2.0 * depth < -edge:
+        return 0.0
+    u = 0.5 + depth / edge
+    return u * u * (3.0 - 2.0 * u)
 
 
 @njit(cache=True)
@@ -109,18 +128,16 @@ def _fraction(field: Array, x: float, y: float, z: float) -> float:
     s = x * field[3] + y * field[4] + z * field[5]
     if s < 0.0 or s > field[12]:
         return 0.0
-    if abs(x * field[6] + y * field[7] + z * field[8]) > field[13]:
-        return 0.0
-    if abs(x * field[9] + y * field[10] + z * field[11]) > field[14]:
-        return 0.0
+    across = _immersed(field[13] - abs(x * field[6] + y * field[7] + z * field[8]), field[15])
+    up = _immersed(field[14] - abs(x * field[9] + y * field[10] + z * field[11]), field[15])
     u = s / field[12]
-    return float(field[15] + u * (field[16] + u * field[17]))
+    return float(across * up * (field[16] + u * (field[17] + u * field[18])))
 
 
 @njit(cache=True)
 def _push(bodies: NDArray[np.int64], field: Array, centre: Array, applied: Array) -> None:
     for body in bodies:
-        force = field[18] * _fraction(field, centre[body, 0], centre[body, 1], centre[body, 2])
+        force = field[19] * _fraction(field, centre[body, 0], centre[body, 1], centre[body, 2])
         if force != 0.0:
             for k in range(3):
                 applied[body, k] += force * field[3 + k]
@@ -147,11 +164,11 @@ def _drag(
             # cvel holds (ω, velocity of the point that coincides with the tree's centre of mass)
             arm_a, arm_b = centre[body, a] - tree[root[body], a], centre[body, b] - tree[root[body], b]
             moving = velocity[body, 3 + k] + velocity[body, a] * arm_b - velocity[body, b] * arm_a
-            relative[k] = field[18] * fraction * field[3 + k] - moving
+            relative[k] = field[19] * fraction * field[3 + k] - moving
             size += relative[k] ** 2
         size = np.sqrt(size)
         for k in range(3):
-            applied[body, k] += field[19] * size * relative[k]
+            applied[body, k] += field[20] * size * relative[k]
 
 
 @dataclass(frozen=True)
@@ -164,8 +181,9 @@ class Wind:
     â: its axis. Profiles: `FADING` (1 - s/L)², `BLUNT` 1 - (s/L)².
     Source: PhysInOne, appendix 5.4.1, "Wind Force": a box of force of constant direction whose magnitude "decays
     quadratically with the distance from the wind source" and "approaches zero" at the far end.
-    Defects: the force is sampled at the centre of mass, whatever the size and shape of the body, so there is no torque
-    and a body is wholly inside or wholly outside; it does not depend on the body's velocity (`AirStream` does).
+    Defects: the force is sampled at the centre of mass, whatever the size and shape of the body, so there is no torque,
+    and without an edge (see `Box`) a body is wholly inside or wholly outside; it does not depend on the body's velocity
+    (`AirStream` does).
     """
 
     box: Box
@@ -241,6 +259,157 @@ class AirStream:
     def potential(self, _model: Any, _data: Any) -> float:
         """None: drag dissipates."""
         return 0.0
+
+
+@njit(cache=True)
+def _resist(
+    bodies: NDArray[np.int64],
+    root: NDArray[np.int32],
+    coefficient: float,
+    centre: Array,
+    velocity: Array,
+    tree: Array,
+    applied: Array,
+) -> None:
+    for body in bodies:
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            # cvel holds (ω, velocity of the point that coincides with the tree's centre of mass)
+            arm_a, arm_b = centre[body, a] - tree[root[body], a], centre[body, b] - tree[root[body], b]
+            moving = velocity[body, 3 + k] + velocity[body, a] * arm_b - velocity[body, b] * arm_a
+            applied[body, k] -= coefficient * moving
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Still air, or any medium, that resists slow motion.
+
+    F = -c v
+
+    c [kg/s]: 6 π η R for a small sphere; v [m/s]: of the centre of mass.
+    Source: L. D. Landau & E. M. Lifshitz, Fluid Mechanics, §20 eq. 20.14 (Stokes' law).
+    Defects: linear at every speed; everywhere alike; turning is not resisted.
+    """
+
+    coefficient: float
+    bodies: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.coefficient < math.inf:
+            raise ValueError(f"coefficient = {self.coefficient} kg/s of drag; allowed: 0 or more")
+
+    def bind(self, model: Any) -> Push:
+        """Compiled for one model."""
+        bodies = _ids(model, mujoco.mjtObj.mjOBJ_BODY, self.bodies)
+        constants = (bodies, model.body_rootid, self.coefficient)
+        return _on(_resist, constants, "xipos", "cvel", "subtree_com", "xfrc_applied")
+
+    def potential(self, _model: Any, _data: Any) -> float:
+        """None: drag dissipates."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class Float:
+    """What displaces air: its centre of volume is where a site of its body is.
+
+    volume [m³]; drag_area: drag coefficient times frontal area [m²]; added: added mass coefficient C_m
+    """
+
+    centre: str
+    volume: float
+    drag_area: float = 0.0
+    added: float = SPHERE_ADDED_MASS
+
+    def __post_init__(self) -> None:
+        for name in ("volume", "drag_area", "added"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} = {getattr(self, name)} of what floats in air; allowed: 0 or more")
+
+
+@njit(cache=True)
+def _float(
+    sites: NDArray[np.int64],
+    owner: NDArray[np.int64],
+    root: NDArray[np.int32],
+    lift: Array,
+    drag: Array,
+    where: Array,
+    centre: Array,
+    velocity: Array,
+    tree: Array,
+    applied: Array,
+) -> None:
+    moving, force, arm = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(sites.shape[0]):
+        body, site = owner[i], sites[i]
+        speed = 0.0
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            # cvel holds (ω, velocity of the point that coincides with the tree's centre of mass)
+            arm_a, arm_b = where[site, a] - tree[root[body], a], where[site, b] - tree[root[body], b]
+            moving[k] = velocity[body, 3 + k] + velocity[body, a] * arm_b - velocity[body, b] * arm_a
+            speed += moving[k] ** 2
+            arm[k] = where[site, k] - centre[body, k]
+        speed = np.sqrt(speed)
+        for k in range(3):
+            force[k] = lift[i, k] - drag[i] * speed * moving[k]
+            applied[body, k] += force[k]
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            applied[body, 3 + k] += arm[a] * force[b] - arm[b] * force[a]
+
+
+@dataclass(frozen=True)
+class Buoyancy:
+    """Air at rest that carries and resists what is in it: Archimedes' force, drag, and the weight of added mass.
+
+    F = -ρ V g - ½ ρ C A |v| v (- C_m ρ V g), at the centre of volume; U = ρ V (1 + C_m) g · x
+
+    ρ [kg/m³]: density of the air; V [m³]: volume; g [m/s²]: gravity, a vector downwards; C A [m²]: drag coefficient
+    times frontal area; v [m/s]: velocity of the centre of volume; C_m: added mass coefficient, ½ for a sphere.
+    Added mass: a body that speeds up has to speed up the air around it, which adds C_m ρ V to its inertia and nothing
+    to its weight. The inertia is not a force of the present state and cannot be an effect's: whoever builds the body
+    gives it `added_mass` on top of its own mass, as a point at the centre of volume (which is exact: a sphere turns
+    without moving the air). MuJoCo then lets it weigh too much, by C_m ρ V g, and the term in brackets takes just
+    that weight, and its torque, away. Hence `Run.mass`, `Run.momentum` and `Run.kinetic` of such a body are those of
+    the body and of the air that it carries along (Kelvin's impulse of the fluid), and its weight is not `Run.mass` g.
+    What it is said to be made of, `Scene.material`, remains its own density.
+    Source: Archimedes, On Floating Bodies I, prop. 5-7; L. D. Landau & E. M. Lifshitz, Fluid Mechanics, §11 problem 1
+    (½ of the displaced mass, for a sphere) and §45 (the drag coefficient).
+    Defects: C and C_m are constant (no drag crisis, no Stokes' law for the slow, no wake that remembers, no zigzag);
+    the air is unbounded (near a wall C_m would grow), at rest, of one density at every height; neighbours do not
+    shield each other; a turning body feels no resistance.
+    """
+
+    floats: tuple[Float, ...]
+    density: float = AIR_DENSITY
+
+    def __post_init__(self) -> None:
+        if not 0 < self.density < math.inf:
+            raise ValueError(f"density = {self.density} kg/m³ of air; allowed: positive and finite")
+
+    def added_mass(self, one: Float) -> float:
+        """C_m ρ V [kg]: what the body's inertia has to hold beside its own mass."""
+        return one.added * self.density * one.volume
+
+    def _sites(self, model: Any) -> tuple[NDArray[np.int64], Array]:
+        """Centres of volume, and ρ V (1 + C_m) of each [kg]."""
+        sites = _ids(model, mujoco.mjtObj.mjOBJ_SITE, [one.centre for one in self.floats])
+        return sites, np.array([self.density * one.volume + self.added_mass(one) for one in self.floats])
+
+    def bind(self, model: Any) -> Push:
+        """Compiled for one model and its gravity."""
+        sites, displaced = self._sites(model)
+        drag = np.array([self.density * one.drag_area / 2 for one in self.floats])
+        lift = -displaced[:, None] * model.opt.gravity
+        constants = (sites, model.site_bodyid[sites].astype(np.int64), model.body_rootid, lift, drag)
+        return _on(_float, constants, "site_xpos", "xipos", "cvel", "subtree_com", "xfrc_applied")
+
+    def potential(self, model: Any, data: Any) -> float:
+        """ρ V (1 + C_m) g · x [J]; MuJoCo counts the weight of the added mass, this takes it away. Drag has none."""
+        sites, displaced = self._sites(model)
+        return float(displaced @ (data.site_xpos[sites] @ model.opt.gravity))
 
 
 class TooClose(ArithmeticError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 from typing import Any
@@ -19,6 +20,7 @@ from physinone_mj.effects import (
     UNIFORM,
     AirStream,
     Box,
+    Drag,
     Magnet,
     Magnets,
     Profile,
@@ -125,6 +127,44 @@ def test_no_wind_a_millimetre_outside(effect: Effect, face: int, side: int) -> N
         local[face] = side * (half[face] + beyond)
         put(data, 1, BOX.origin + (local + np.array([half[0], 0, 0])) @ AXES, CENTRE)
         assert pushed(effect, model, data)[1].any() == blows
+
+
+def test_a_wind_with_an_edge_counts_the_immersed_part_of_a_ball() -> None:
+    """Against the cap's volume π h² (3 R - h)/3, on both sides of every lateral face."""
+    edge = 0.12
+    box = dataclasses.replace(BOX, edge=edge)
+    model, data = free("leaf")
+    wind = Wind(box, 3.0, ("leaf",), UNIFORM)
+    half = np.array([box.length, box.width, box.height]) / 2
+    for face, side in itertools.product((1, 2), (-1, 1)):
+        local = np.zeros(3)
+        for deep in np.linspace(-0.08, 0.08, 17):
+            local[face] = side * (half[face] - deep)
+            put(data, 1, box.origin + (local + np.array([half[0], 0, 0])) @ AXES, CENTRE)
+            cap = np.clip(edge / 2 + deep, 0, edge)
+            part = cap**2 * (3 * edge / 2 - cap) / (4 * (edge / 2) ** 3)
+            assert pushed(wind, model, data)[1, :3] @ AXES[0] == pytest.approx(3.0 * part, abs=1e-12)
+
+
+@pytest.mark.parametrize("edge", [-0.01, 0.41, np.nan])
+def test_an_edge_fits_into_its_box(edge: float) -> None:
+    with pytest.raises(ValueError, match="edge"):
+        dataclasses.replace(BOX, edge=edge)
+
+
+def test_drag_is_its_formula() -> None:
+    model, data = free("other", "leaf")
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        put(data, 2, rng.normal(size=3), CENTRE)
+        data.qvel[6:] = rng.normal(size=6)
+        force = pushed(Drag(0.3, ("leaf",)), model, data)
+        centre_speed = data.qvel[6:9] + np.cross(data.qvel[9:], CENTRE)  # axes along the world's
+        np.testing.assert_allclose(force[2, :3], -0.3 * centre_speed, rtol=1e-12)
+        assert not force[1].any()
+        assert not force[2, 3:].any()
+    with pytest.raises(ValueError, match="coefficient"):
+        Drag(-0.1, ("leaf",))
 
 
 def test_box_axes_and_distances() -> None:
