@@ -68,7 +68,9 @@ class Box:
     """Where a wind blows: a box of air whose source is one of its faces.
 
     origin: centre of the source face [m]; axis: where the wind blows to; length: along it [m]; width: across, and
-    horizontal [m]; height: across both [m]
+    horizontal [m]; height: across both [m]; edge [m]: diameter of the ball that passes the four sides of the box: it
+    feels the wind by the part of its volume that is inside, 3 u² - 2 u³ for u from 0 to 1 (0: all or nothing, by its
+    centre). A side that is passed needs an edge, or a step that straddles it errs by its own length.
     """
 
     origin: Vector
@@ -76,8 +78,11 @@ class Box:
     length: float
     width: float
     height: float
+    edge: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.edge <= min(self.width, self.height):
+            raise ValueError(f"edge = {self.edge} m of a wind; allowed: 0 to its width and height")
         for name in ("length", "width", "height"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} = {getattr(self, name)} m of a wind; allowed: positive and finite")
@@ -100,9 +105,20 @@ class Box:
         return np.where(inside, local[..., 0], np.nan)
 
     def _packed(self, profile: Profile, *scale: float) -> Array:
-        """Everything a compiled wind needs: origin, frame, extents, profile and scale factors, (18 + n,)."""
-        extents = (self.length, self.width / 2, self.height / 2)
+        """Everything a compiled wind needs: origin, frame, extents and edge, profile and scale factors, (19 + n,)."""
+        extents = (self.length, self.width / 2, self.height / 2, self.edge)
         return np.concatenate([self.origin, self.frame.ravel(), extents, profile, scale])
+
+
+@njit(cache=True)
+def _immersed(depth: float, edge: float) -> float:
+    """Part of a ball's volume that is inside a face, its centre `depth` inside and its diameter `edge`."""
+    if 2.0 * depth >= edge:
+        return 1.0
+    if 2.0 * depth < -edge:
+        return 0.0
+    u = 0.5 + depth / edge
+    return u * u * (3.0 - 2.0 * u)
 
 
 @njit(cache=True)
@@ -112,18 +128,16 @@ def _fraction(field: Array, x: float, y: float, z: float) -> float:
     s = x * field[3] + y * field[4] + z * field[5]
     if s < 0.0 or s > field[12]:
         return 0.0
-    if abs(x * field[6] + y * field[7] + z * field[8]) > field[13]:
-        return 0.0
-    if abs(x * field[9] + y * field[10] + z * field[11]) > field[14]:
-        return 0.0
+    across = _immersed(field[13] - abs(x * field[6] + y * field[7] + z * field[8]), field[15])
+    up = _immersed(field[14] - abs(x * field[9] + y * field[10] + z * field[11]), field[15])
     u = s / field[12]
-    return float(field[15] + u * (field[16] + u * field[17]))
+    return float(across * up * (field[16] + u * (field[17] + u * field[18])))
 
 
 @njit(cache=True)
 def _push(bodies: NDArray[np.int64], field: Array, centre: Array, applied: Array) -> None:
     for body in bodies:
-        force = field[18] * _fraction(field, centre[body, 0], centre[body, 1], centre[body, 2])
+        force = field[19] * _fraction(field, centre[body, 0], centre[body, 1], centre[body, 2])
         if force != 0.0:
             for k in range(3):
                 applied[body, k] += force * field[3 + k]
@@ -150,11 +164,11 @@ def _drag(
             # cvel holds (ω, velocity of the point that coincides with the tree's centre of mass)
             arm_a, arm_b = centre[body, a] - tree[root[body], a], centre[body, b] - tree[root[body], b]
             moving = velocity[body, 3 + k] + velocity[body, a] * arm_b - velocity[body, b] * arm_a
-            relative[k] = field[18] * fraction * field[3 + k] - moving
+            relative[k] = field[19] * fraction * field[3 + k] - moving
             size += relative[k] ** 2
         size = np.sqrt(size)
         for k in range(3):
-            applied[body, k] += field[19] * size * relative[k]
+            applied[body, k] += field[20] * size * relative[k]
 
 
 @dataclass(frozen=True)
@@ -167,8 +181,9 @@ class Wind:
     â: its axis. Profiles: `FADING` (1 - s/L)², `BLUNT` 1 - (s/L)².
     Source: PhysInOne, appendix 5.4.1, "Wind Force": a box of force of constant direction whose magnitude "decays
     quadratically with the distance from the wind source" and "approaches zero" at the far end.
-    Defects: the force is sampled at the centre of mass, whatever the size and shape of the body, so there is no torque
-    and a body is wholly inside or wholly outside; it does not depend on the body's velocity (`AirStream` does).
+    Defects: the force is sampled at the centre of mass, whatever the size and shape of the body, so there is no torque,
+    and without an edge (see `Box`) a body is wholly inside or wholly outside; it does not depend on the body's velocity
+    (`AirStream` does).
     """
 
     box: Box
@@ -240,6 +255,54 @@ class AirStream:
         bodies = _ids(model, mujoco.mjtObj.mjOBJ_BODY, self.bodies)
         constants = (bodies, model.body_rootid, self.box._packed(self.profile, self.speed, self.drag))
         return _on(_drag, constants, "xipos", "cvel", "subtree_com", "xfrc_applied")
+
+    def potential(self, _model: Any, _data: Any) -> float:
+        """None: drag dissipates."""
+        return 0.0
+
+
+@njit(cache=True)
+def _resist(
+    bodies: NDArray[np.int64],
+    root: NDArray[np.int32],
+    coefficient: float,
+    centre: Array,
+    velocity: Array,
+    tree: Array,
+    applied: Array,
+) -> None:
+    for body in bodies:
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            # cvel holds (ω, velocity of the point that coincides with the tree's centre of mass)
+            arm_a, arm_b = centre[body, a] - tree[root[body], a], centre[body, b] - tree[root[body], b]
+            moving = velocity[body, 3 + k] + velocity[body, a] * arm_b - velocity[body, b] * arm_a
+            applied[body, k] -= coefficient * moving
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Still air, or any medium, that resists slow motion.
+
+    F = -c v
+
+    c [kg/s]: 6 π η R for a small sphere; v [m/s]: of the centre of mass.
+    Source: L. D. Landau & E. M. Lifshitz, Fluid Mechanics, §20 eq. 20.14 (Stokes' law).
+    Defects: linear at every speed; everywhere alike; turning is not resisted.
+    """
+
+    coefficient: float
+    bodies: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.coefficient < math.inf:
+            raise ValueError(f"coefficient = {self.coefficient} kg/s of drag; allowed: 0 or more")
+
+    def bind(self, model: Any) -> Push:
+        """Compiled for one model."""
+        bodies = _ids(model, mujoco.mjtObj.mjOBJ_BODY, self.bodies)
+        constants = (bodies, model.body_rootid, self.coefficient)
+        return _on(_resist, constants, "xipos", "cvel", "subtree_com", "xfrc_applied")
 
     def potential(self, _model: Any, _data: Any) -> float:
         """None: drag dissipates."""
