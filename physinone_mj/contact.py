@@ -1,4 +1,4 @@
-"""Contact: restitution and dry friction as the rows that MuJoCo's solver satisfies, exactly.
+"""Constraints: contact, limits, welds and motors as the rows that MuJoCo's solver satisfies, exactly.
 
 MuJoCo solves a convex problem, which differs from rigid bodies with Coulomb friction in two ways: its contacts are
 slightly soft (the regularisation R), and a slipping contact is pushed apart by μ × slip (the dual of the friction cone
@@ -16,6 +16,12 @@ The targets are velocities, at the end of a step or of an instantaneous impact:
     step     v_n' ≥ -(gap left), v_t' = 0 until the friction limit is met
     impact   v_n' = -e v_n (I. Newton's law of restitution), v_t' = 0 within the same cone of impulses
 
+A limit of a joint or a tendon (a taut string) is a contact without friction and restitution; an equality holds
+v' = -(part of the gap); a motor v' = its speed, as long as its greatest force suffices; friction in a joint v' = 0
+likewise. Rows are written for the middle of a step and v' for its end. Between the two the directions of a turning
+contact turn: what this changes, J̇v h/2, is observed from step to step and taken off the targets of contacts and
+joints, so that what rides on a turntable stays there (half the centripetal acceleration).
+
 Defects, stated: one coefficient of restitution per pair, whatever the speed, and impulses that are resolved together
 when contacts close at the same instant (a cradle needs gaps). Newton's restitution together with friction can create
 energy where a corner strikes obliquely (T. R. Kane, 1984); in heaps of boxes up to 3e-3 of the whole was seen, with
@@ -24,16 +30,20 @@ balls none. Static friction passes to kinetic at a slip of `CREEP` m/s, a step a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .run import Impact
+from .run import Break, Impact
+
+if TYPE_CHECKING:
+    from .scene import Bond, Bowl, Motor
 
 Array = NDArray[np.float64]
 
@@ -63,6 +73,26 @@ PUSH_OUT: Final = 0.1
 """Fraction of a penetration taken back in one whole step; what is taken back becomes speed, so it stays small."""
 
 _LEAST_RELAX: Final = 1 / 8
+
+_DISABLE = mujoco.mjtDisableBit
+_KIND = mujoco.mjtConstraint
+_EQUALITY: Final = int(_KIND.mjCNSTR_EQUALITY)
+_FRICTION_DOF: Final = int(_KIND.mjCNSTR_FRICTION_DOF)
+_FRICTION_TENDON: Final = int(_KIND.mjCNSTR_FRICTION_TENDON)
+_LIMIT_JOINT: Final = int(_KIND.mjCNSTR_LIMIT_JOINT)
+_LIMIT_TENDON: Final = int(_KIND.mjCNSTR_LIMIT_TENDON)
+_PRESCRIBED: Final = 1e12
+"""The force of a motor that prescribes a motion: more than any scene's [N]."""
+
+CONTACT_TIME: Final = 1e-3
+"""How long an impact lasts as far as bonds are concerned: its impulse over this is the force that may break them [s].
+Rigid bodies have no such time; a millisecond is that of fist-sized hard things at metres per second."""
+
+CLOSURE: Final = 0.5
+"""Fraction of an equality's gap closed in one whole step; all of it would ring."""
+
+_TOGETHER: Final = 0.9
+"""Bonds loaded to within this of the worst break together; then the load is shared anew."""
 
 NEAR: Final = 1e-7
 """Gaps up to this [m] are closed at the pace at which penetrations are taken back: the corners of a resting face, some
@@ -103,6 +133,21 @@ class Surface:
         )
 
 
+@dataclass(frozen=True)
+class Joined:
+    """What else than pairs of surfaces holds the bodies of a compiled model, by the numbers of the model.
+
+    motors: (degree of freedom, motor); bonds: (equality, bond); cups: (bowl, geom that may lie in it, their surface)
+    """
+
+    motors: tuple[tuple[int, Motor], ...] = ()
+    bonds: tuple[tuple[int, Bond], ...] = ()
+    cups: tuple[tuple[Bowl, int, Surface], ...] = ()
+
+
+_NOTHING_ELSE: Final = Joined()
+
+
 class NotSettled(ArithmeticError):
     """The fixed point on Coulomb's law did not converge."""
 
@@ -132,6 +177,9 @@ def _look(
     root_of: NDArray[np.int32],
     cvel: Array,
     com: Array,
+    kind: NDArray[np.int32],
+    row_gap: Array,
+    row_speed: Array,
     cut: float,
     dt: float,
     speed: Array,
@@ -158,7 +206,68 @@ def _look(
                 soonest, gap = dist[i] / -normal, dist[i]
         elif dist[i] + (normal - cut) * dt < 0.0:
             engaged = True
+    for row in range(kind.shape[0]):
+        if kind[row] < _LIMIT_JOINT:
+            engaged = True
+        elif kind[row] <= _LIMIT_TENDON:
+            if row_speed[row] < -cut:
+                if row_gap[row] / -row_speed[row] < soonest:
+                    soonest, gap = row_gap[row] / -row_speed[row], row_gap[row]
+            elif row_gap[row] + (row_speed[row] - cut) * dt < 0.0:
+                engaged = True
     return soonest, gap, engaged
+
+
+@njit(cache=True)
+def _drift(
+    geom: NDArray[np.int32],
+    address: NDArray[np.int32],
+    dim: NDArray[np.int32],
+    frame: Array,
+    velocity: Array,
+    before_geom: NDArray[np.int32],
+    before_address: NDArray[np.int32],
+    before_dim: NDArray[np.int32],
+    before_frame: Array,
+    before: Array,
+    drift: Array,
+) -> None:
+    """What the turning of the rows has made of the same velocities since the last step: J v - J_before v.
+
+    Of the contacts of two geoms the mean is taken, as a vector of the world: a shift of one against the other, which
+    all of them can follow together; what is left is of the next order, and would set them against each other.
+    """
+    n = geom.shape[0]
+    for i in range(n):
+        if geom[i, 0] != before_geom[i, 0] or geom[i, 1] != before_geom[i, 1] or dim[i] != before_dim[i]:
+            return
+        if address[i] != before_address[i]:
+            return
+        along = 0.0
+        for k in range(3):
+            along += frame[i, k] * before_frame[i, k]
+        if along < 0.9:
+            return
+    mean = np.zeros(3)
+    i = 0
+    while i < n:
+        stop = i
+        mean[:] = 0.0
+        count = 0
+        while stop < n and geom[stop, 0] == geom[i, 0] and geom[stop, 1] == geom[i, 1]:
+            if address[stop] >= 0:
+                count += 1
+                for j in range(min(dim[stop], 3)):
+                    now, then = velocity[address[stop] + j], before[address[stop] + j]
+                    for k in range(3):
+                        mean[k] += now * frame[stop, 3 * j + k] - then * before_frame[stop, 3 * j + k]
+            stop += 1
+        for c in range(i, stop):
+            if address[c] >= 0:
+                for j in range(min(dim[c], 3)):
+                    for k in range(3):
+                        drift[address[c] + j] += mean[k] / count * frame[c, 3 * j + k]
+        i = stop
 
 
 @njit(cache=True)
@@ -176,11 +285,13 @@ def _aim(
     kinetic: Array,
     static: Array,
     velocity: Array,
+    drift: Array,
     target: Array,
     cut: float,
     dt: float,
     step: float,
     impact: bool,
+    crowded: bool,
 ) -> None:
     """Every contact row's target: a change of velocity (impact) or an acceleration over the step dt."""
     for i in range(dist.shape[0]):
@@ -193,18 +304,59 @@ def _aim(
             e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
             target[row] = _OPEN if dist[i] > TOUCH else -normal - e * min(normal, 0.0)
         elif speed[i] < -cut:
-            target[row] = _OPEN  # about to collide: the impact's business, not this step's
+            # about to collide: the impact's business, not this step's, unless there is no time for each of them
+            e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
+            meets = crowded and dist[i] + 0.5 * normal * dt < 0.0
+            target[row] = -(1.0 + e) * normal / dt if meets else _OPEN
         else:
             # dist is that of the middle of the piece, half of its motion is left to close the gap
-            open_, shut = max(dist[i] - NEAR, 0.0), min(dist[i], NEAR)
-            target[row] = -normal / dt - 2.0 * (open_ / dt + PUSH_OUT * shut / step) / dt
+            open_, shut = max(dist[i] - NEAR, 0.0), max(min(dist[i], NEAR) * PUSH_OUT / step, -cut)
+            turned = 0.5 * drift[row] if dist[i] < NEAR else 0.0
+            target[row] = -(normal + turned) / dt - 2.0 * (open_ / dt + shut) / dt
         slip = 0.0
         for j in range(1, dim[i]):
             relative = velocity[row + j] - (drive[i, j - 1] if j < 4 else 0.0)
             slip += relative**2 if j < 3 else 0.0
-            target[row + j] = -relative if impact else -relative / dt
+            target[row + j] = -relative if impact else -(relative + 0.5 * drift[row + j]) / dt
         if dim[i] > 1:
             mu[i] = friction[i, 0] = friction[i, 1] = static[pair] if slip < CREEP**2 else kinetic[pair]
+
+
+@njit(cache=True)
+def _aim_joints(
+    kind: NDArray[np.int32],
+    number: NDArray[np.int32],
+    gap: Array,
+    velocity: Array,
+    drift: Array,
+    course: Array,
+    bound: Array,
+    prescribed: Array,
+    target: Array,
+    cut: float,
+    dt: float,
+    step: float,
+    impact: bool,
+) -> None:
+    """The targets of all rows that are not contacts. course: speed that each degree of freedom's motor holds."""
+    for row in range(kind.shape[0]):
+        v = velocity[row]
+        if kind[row] == _EQUALITY:
+            target[row] = -v if impact else -(v + 0.5 * drift[row]) / dt - 2.0 * CLOSURE * gap[row] / (step * dt)
+        elif kind[row] <= _FRICTION_TENDON:
+            wanted = course[number[row]] if kind[row] == _FRICTION_DOF else 0.0
+            target[row] = (wanted - v) / (1.0 if impact else dt)
+            if impact and not (kind[row] == _FRICTION_DOF and prescribed[number[row]] > 0.0):
+                bound[row] = 1e-12  # what is finite does nothing in no time
+        elif kind[row] <= _LIMIT_TENDON:
+            if impact:
+                target[row] = _OPEN if gap[row] > TOUCH else -v
+            elif v < -cut:
+                target[row] = _OPEN
+            else:
+                open_, shut = max(gap[row] - NEAR, 0.0), max(min(gap[row], NEAR) * PUSH_OUT / step, -cut)
+                turned = 0.5 * drift[row] if gap[row] < NEAR else 0.0
+                target[row] = -(v + turned) / dt - 2.0 * (open_ / dt + shut) / dt
 
 
 @njit(cache=True)
@@ -238,30 +390,64 @@ def _shift(
 
 
 class Solver:
-    """The contact problem of one model: looks for impacts, resolves them, and advances what touches.
+    """The constraint problem of one model: looks for impacts, resolves them, and advances what touches.
 
     pairs: the surface of each of the model's predefined contact pairs, in order.
     """
 
-    def __init__(self, model: Any, pairs: Sequence[Surface]) -> None:
+    def __init__(self, model: Any, pairs: Sequence[Surface], joined: Joined = _NOTHING_ELSE) -> None:
         self._model = model
+        surfaces = [*pairs, *(surface for _, _, surface in joined.cups)]
         self._pair_of = np.zeros((model.ngeom, model.ngeom), np.int32)
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
             self._pair_of[a, b] = self._pair_of[b, a] = i
-        self._restitution = np.array([s.restitution for s in pairs])
-        self._kinetic = np.array([s.friction for s in pairs])
-        self._static = np.array([s.static_friction for s in pairs])
+        self._cups = []
+        for i, (bowl, b, surface) in enumerate(joined.cups, start=len(pairs)):
+            a = model.geom(bowl.geom).id
+            self._pair_of[a, b] = self._pair_of[b, a] = i
+            self._cups.append(_Cup(model, bowl, b, surface))
+        self._restitution = np.array([s.restitution for s in surfaces])
+        self._kinetic = np.array([s.friction for s in surfaces])
+        self._static = np.array([s.static_friction for s in surfaces])
+        self._motors = joined.motors
+        self._course = np.zeros(model.nv)
+        self._prescribed = np.zeros(model.nv)
+        for dof, motor in joined.motors:
+            self._prescribed[dof] = not math.isfinite(motor.force)
+            model.dof_frictionloss[dof] = min(motor.force, _PRESCRIBED)
+        self._bonds = joined.bonds
+        self._bonded = np.array([equality for equality, _ in joined.bonds], int)
+        self._strength = np.array([bond.strength for _, bond in joined.bonds])
+        self._lever = np.array([bond.lever for _, bond in joined.bonds])
+        connects = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_CONNECT)
+        self._turns = np.isin(np.arange(max(model.neq, model.nv, model.ntendon)), connects)
+        self._limited = bool(model.jnt_limited.any() or model.tendon_limited.any())
         self._cut = self._step = 0.0
         self._speed = np.empty(0)
         self._shifts = self._trend = np.empty(0)
+        self._before: _Before | None = None
+        self._acceleration: Array | None = None
+        self.impacts: list[Impact] = []
+        self.breaks: list[Break] = []
 
     def begin(self, data: Any, dt: float, gravity: float) -> None:
         """Set how far ahead contacts are detected: as far as anything can move in the step."""
         self._cut, self._step = gravity * dt, dt
         m = self._model
         reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
-        self._model.pair_margin[:] = max(4 * self._cut * dt, 2 * TOUCH)
-        self._model.pair_gap[:] = 2 * dt * (reach + self._cut)
+        ahead = 2 * dt * (reach + self._cut)
+        m.pair_margin[:] = max(4 * self._cut * dt, 2 * TOUCH)
+        m.pair_gap[:] = ahead
+        for cup in self._cups:
+            cup.margin, cup.ahead = max(4 * self._cut * dt, 2 * TOUCH), ahead
+        if self._limited:
+            m.jnt_margin[:] = m.tendon_margin[:] = ahead + 2 * dt * np.abs(data.qvel).max()
+
+    def place(self, data: Any) -> None:
+        """Everything that follows from the positions: poses, contacts, rows."""
+        mujoco.mj_fwdPosition(self._model, data)
+        if sum(cup.add(self._model, data) for cup in self._cups):
+            mujoco.mj_makeConstraint(self._model, data)
 
     def look(self, data: Any, dt: float) -> tuple[float, float, bool]:
         """(time to the soonest impact [s], its gap [m], whether anything touches or comes to rest within dt)."""
@@ -269,10 +455,10 @@ class Solver:
         self._speed = np.empty(data.ncon)
         return _look(
             c.dist, c.pos, c.frame, c.geom, m.geom_bodyid, m.body_rootid, data.cvel, data.subtree_com,
-            self._cut, dt, self._speed,
+            data.efc_type, data.efc_pos, data.efc_vel, self._cut, dt, self._speed,
         )  # fmt: skip
 
-    def impact(self, data: Any) -> list[Impact]:
+    def impact(self, data: Any) -> None:
         """Resolve the impacts of this instant: velocities jump, nothing else changes."""
         data.qacc_smooth[:] = 0.0
         data.qfrc_smooth[:] = 0.0
@@ -280,21 +466,23 @@ class Solver:
         data.qacc_warmstart[:] = 0.0
         self._shifts = np.empty(0)
         self._solve(data, 1.0, impact=True)
+        while self._break(data, CONTACT_TIME):
+            self._solve(data, 1.0, impact=True)
         self._shifts = self._trend = np.empty(0)
+        self._acceleration = None
         data.qvel += data.qacc
         data.qacc_warmstart[:] = warm
-        return self._report(data)
+        self._report(data, 1.0, data.contact.dist <= TOUCH)
 
-    def _report(self, data: Any) -> list[Impact]:
-        found = []
-        for i in range(data.ncon):
+    def _report(self, data: Any, dt: float, met: NDArray[np.bool_]) -> None:
+        for i in np.flatnonzero(met & (self._speed < -self._cut)):
             c = data.contact[i]
-            if c.efc_address < 0 or self._speed[i] >= -self._cut or c.dist > TOUCH:
+            if c.efc_address < 0:
                 continue
             force = np.zeros(3)
-            force[: c.dim] = data.efc_force[c.efc_address : c.efc_address + min(c.dim, 3)]
+            force[: c.dim] = dt * data.efc_force[c.efc_address : c.efc_address + min(c.dim, 3)]
             frame = c.frame.reshape(3, 3)
-            found.append(
+            self.impacts.append(
                 Impact(
                     time=float(data.time),
                     first=self._model.geom(c.geom[0]).name,
@@ -305,32 +493,101 @@ class Solver:
                     impulse=tuple((force @ frame).tolist()),
                 )
             )
-        return found
 
-    def slide(self, data: Any, dt: float) -> None:
-        """Drift half a step, solve for the accelerations that contact allows, kick, drift the other half."""
+    def _break(self, data: Any, time: float) -> bool:
+        """Break the worst loaded of the bonds, if any is beyond its strength; the rows are then made anew.
+
+        time: what the rows' forces are divided by to be newtons
+        """
+        if not self._bonds:
+            return False
+        rows = np.searchsorted(data.efc_id[: data.ne], self._bonded)
+        alive = data.eq_active[self._bonded].astype(bool)
+        force = data.efc_force[np.minimum(rows, max(data.nefc - 6, 0))[:, None] + np.arange(6)]
+        pull, moment = np.linalg.norm(force[:, :3], axis=1), np.linalg.norm(force[:, 3:], axis=1) / 2
+        load = np.where(alive, (pull + moment / self._lever) / (time * self._strength), 0.0)
+        if load.max() <= 1.0:
+            return False
+        for i in np.flatnonzero(load >= max(1.0, _TOGETHER * load.max())):
+            data.eq_active[self._bonded[i]] = 0
+            self.breaks.append(Break(float(data.time), self._bonds[i][1].weld, float(load[i] * self._strength[i])))
+        mujoco.mj_makeConstraint(self._model, data)
+        if data.nefc:
+            mujoco.mj_mulJacVec(self._model, data, data.efc_vel, data.qvel)
+        self._shifts = self._trend = np.empty(0)
+        self._before = None
+        return True
+
+    def fly(self, data: Any, dt: float) -> None:
+        """What touches nothing moves by Runge-Kutta."""
+        option = self._model.opt
+        flags, option.timestep = option.disableflags, dt
+        option.disableflags = flags | _DISABLE.mjDSBL_CONTACT | _DISABLE.mjDSBL_CONSTRAINT
+        mujoco.mj_step(self._model, data)
+        option.disableflags = flags
+        self._acceleration = self._before = None
+
+    def slide(self, data: Any, dt: float, *, crowded: bool = False) -> None:
+        """Drift half a step, solve for the accelerations that contact allows, kick, drift the other half.
+
+        crowded: impacts that fall into the step are taken at its middle, all at once (J. J. Moreau, Lecture Notes in
+        Applied and Computational Mechanics 2 (1999) 1), instead of one after the other.
+        """
         model = self._model
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
-        mujoco.mj_fwdPosition(model, data)
+        self.place(data)
+        velocity = data.qvel.copy()
+        if self._acceleration is not None:  # forces that depend on velocity are those of the middle, too
+            data.qvel += dt / 2 * self._acceleration
         mujoco.mj_fwdVelocity(model, data)
-        self.look(data, dt)
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        self._solve(data, dt, impact=False)
+        data.qvel[:] = velocity
+        mujoco.mj_comVel(model, data)
+        if data.nefc:
+            mujoco.mj_mulJacVec(model, data, data.efc_vel, data.qvel)
+        self.look(data, dt)
+        met = data.contact.dist < 0.5 * self._speed * -dt
+        self._solve(data, dt, crowded=crowded)
+        while self._break(data, 1.0):
+            self._solve(data, dt, crowded=crowded)
+        if crowded:
+            self._report(data, dt, met)
         data.qvel += dt * data.qacc
+        self._acceleration = data.qacc.copy() if dt > self._step / 2 and not crowded else None
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         data.time += dt
 
-    def _solve(self, data: Any, dt: float, *, impact: bool) -> None:
+    def remember(self) -> tuple[Any, ...]:
+        """What the last step left for the next; to be recalled if that is tried again."""
+        return self._before, self._acceleration, self._shifts, self._trend, len(self.impacts), len(self.breaks)
+
+    def recall(self, memory: tuple[Any, ...]) -> None:
+        """As it was when `remember` was called; bonds that have broken since stay broken."""
+        self._before, self._acceleration, self._shifts, self._trend, impacts, _ = memory
+        del self.impacts[impacts:]
+
+    def _solve(self, data: Any, dt: float, *, impact: bool = False, crowded: bool = False) -> None:
         """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc."""
         model, c = self._model, data.contact
         address, dim, friction = c.efc_address, c.dim, c.friction
-        reference, force, regulariser = data.efc_aref, data.efc_force, data.efc_R
-        target = -data.efc_vel if impact else reference.copy()
+        reference, force, regulariser, velocity = data.efc_aref, data.efc_force, data.efc_R, data.efc_vel
+        target, drift = np.empty(data.nefc), np.zeros(data.nefc)
+        now = _Before(c.geom.copy(), address.copy(), dim.copy(), c.frame.copy(), data.efc_type.copy(),
+                      data.efc_id.copy(), velocity)  # fmt: skip
+        if not impact and self._before is not None:
+            now.drift(self._before, self._turns, drift)
         _aim(
-            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of,
-            self._restitution, self._kinetic, self._static, data.efc_vel, target, self._cut, dt, self._step, impact,
+            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, self._restitution,
+            self._kinetic, self._static, velocity, drift, target, self._cut, dt, self._step, impact, crowded,
         )  # fmt: skip
+        if len(target):
+            for dof, motor in self._motors:
+                self._course[dof] = motor.speed(data.time + (0.0 if impact else dt))
+            _aim_joints(
+                data.efc_type, data.efc_id, data.efc_pos, velocity, drift, self._course, data.efc_frictionloss,
+                self._prescribed, target, self._cut, dt, self._step, impact,
+            )  # fmt: skip
         reference[:] = target
         if self._shifts.shape == target.shape:
             # slip changes evenly under constant forces: what the shift was going to be is mostly known
@@ -357,3 +614,73 @@ class Solver:
         shifts = reference - target
         self._trend = shifts - self._shifts if self._shifts.shape == shifts.shape else np.empty(0)
         self._shifts = shifts
+        now.velocity = velocity + dt * reached
+        self._before = now
+
+
+@dataclass
+class _Before:
+    """The rows of a step and the velocity along each at its end."""
+
+    geom: NDArray[np.int32]
+    address: NDArray[np.int32]
+    dim: NDArray[np.int32]
+    frame: Array
+    kind: NDArray[np.int32]
+    number: NDArray[np.int32]
+    velocity: Array
+
+    def drift(self, before: _Before, turns: NDArray[np.bool_], drift: Array) -> None:
+        """J̇ v × the step of every row: what the turning of the rows has made of unchanged velocities."""
+        if len(self.geom) and len(self.geom) == len(before.geom) and len(self.kind) == len(before.kind):
+            _drift(
+                self.geom, self.address, self.dim, self.frame, self.velocity,
+                before.geom, before.address, before.dim, before.frame, before.velocity, drift,
+            )  # fmt: skip
+        mine, its = np.flatnonzero(self.kind <= _LIMIT_TENDON), np.flatnonzero(before.kind <= _LIMIT_TENDON)
+        if len(mine) and np.array_equal(self.number[mine], before.number[its]):
+            held = (self.kind[mine] >= _LIMIT_JOINT) | ((self.kind[mine] == _EQUALITY) & turns[self.number[mine]])
+            drift[mine[held]] = self.velocity[mine[held]] - before.velocity[its[held]]
+
+
+class _Cup:
+    """A bowl and one geom that may lie in it."""
+
+    def __init__(self, model: Any, bowl: Bowl, geom: int, surface: Surface) -> None:
+        self._bowl, self._geom, self._other = bowl, model.geom(bowl.geom).id, geom
+        self._site = model.site(bowl.site).id
+        self._sphere = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
+        size = model.geom_size[geom]
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        self._points = np.zeros((1, 3)) if self._sphere else signs * size
+        self._radius = float(size[0]) if self._sphere else 0.0
+        self._dim = 3 if surface.static_friction > 0 else 1
+        self.margin = self.ahead = 0.0
+
+    def add(self, model: Any, data: Any) -> int:
+        """Add the contacts of this moment; returns how many."""
+        found = 0
+        turn, place = data.geom_xmat[self._other].reshape(3, 3), data.geom_xpos[self._other]
+        centre, axis = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)[:, 2]
+        for point in self._points:
+            out = place + turn @ point - centre
+            far = float(np.linalg.norm(out))
+            gap = self._bowl.radius - far - self._radius
+            if gap >= self.margin + self.ahead or out @ axis / far * self._bowl.radius > self._bowl.rim:
+                continue
+            contact = mujoco.MjContact()
+            contact.dist, contact.dim = gap, self._dim
+            contact.pos = centre + out / far * (self._bowl.radius - gap / 2)
+            normal = -out / far
+            # tangents that turn with the normal alone, so that they are the same from step to step
+            aside = np.cross(axis, normal) if abs(normal @ axis) < 0.99 else np.cross((1.0, 0.0, 0.0), normal)
+            aside /= np.linalg.norm(aside)
+            contact.frame = np.concatenate([normal, aside, np.cross(normal, aside)])
+            contact.includemargin, contact.exclude = self.margin, int(gap >= self.margin)
+            contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
+            contact.solref, contact.solreffriction, contact.solimp = (0.02, 1.0), (0.0, 0.0), IMPEDANCE
+            contact.geom = contact.geom1, contact.geom2 = self._geom, self._other
+            if mujoco.mj_addContact(model, data, contact):
+                raise MemoryError("no room for the contacts of a bowl")
+            found += 1
+        return found

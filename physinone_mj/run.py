@@ -34,6 +34,15 @@ class Impact:
 
 
 @dataclass(frozen=True)
+class Break:
+    """One bond that broke: when [s], which weld, and under what load [N]."""
+
+    time: float
+    weld: str
+    load: float
+
+
+@dataclass(frozen=True)
 class Motion:
     """Bodies over time, derived from the recorded state. Shapes (T, nbody, 3) or (T, nbody, 4) or (T,)."""
 
@@ -68,6 +77,7 @@ class Run:
     step: float
     seconds: float
     again_with: Callable[..., Run] = field(repr=False)
+    breaks: tuple[Break, ...] = ()
     _repeats: dict[tuple[tuple[str, Any], ...], Run] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:

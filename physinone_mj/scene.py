@@ -97,7 +97,7 @@ class Bond:
     lever: float
 
     def __post_init__(self) -> None:
-        if not self.strength > 0 or not 0 < self.lever:
+        if not self.strength > 0 or not self.lever > 0:
             raise ValueError(f"strength = {self.strength} N, lever = {self.lever} m of a bond; allowed: positive")
 
 

@@ -14,6 +14,7 @@ Impacts too gentle to lift off for a whole step (e |v| < g h) are taken as inela
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import time as clock
@@ -32,8 +33,8 @@ from .constants import STANDARD_GRAVITY
 from .contact import Surface
 from .fidelity import STANDARD, Fidelity
 from .registry import phenomenon
-from .run import Impact, Run
-from .scene import IMMATERIAL, Scene
+from .run import Break, Impact, Run
+from .scene import IMMATERIAL, Bowl, Scene
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -42,6 +43,10 @@ OVERSAMPLING: Final = 8
 """Recorded samples per video frame, at least."""
 
 _MAX_EVENTS: Final = 1000
+_CROWD: Final = 8
+"""Impacts in one step after which the rest of it, and the steps that follow, take theirs all at once."""
+_QUIET: Final = 1
+"""Impacts in such a step at which they are taken one by one again."""
 _MAX_STEPS: Final = 20_000_000
 _MAX_MASS_RATIO: Final = 1e4
 _MAX_RATE: Final = 0.5
@@ -71,6 +76,8 @@ class Compiled:
     fidelity: Fidelity
     model: Any
     pairs: tuple[Surface, ...]
+    joined: contact.Joined
+    constrained: bool
     step: float
     steps: int
     stride: int
@@ -96,7 +103,7 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     if frames * stride * steps > _MAX_STEPS:
         raise Refusal("R10", f"{frames * stride * steps} steps; allowed: {_MAX_STEPS}; shortest time {scene.time:g} s, "
                       f"duration {scene.duration:g} s")  # fmt: skip
-    named = _contact_pairs(scene, sample / steps)
+    named, cups = _contact_pairs(scene, sample / steps)
     spec.option.gravity = (0.0, 0.0, -scene.gravity)
     spec.option.timestep = sample / steps
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -104,17 +111,34 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     spec.option.integrator = integrators.mjINT_IMPLICITFAST if named else integrators.mjINT_RK4  # the viewer's
     model = spec.compile()
     surfaces = tuple(named[model.pair(i).name] for i in range(model.npair))  # the compiler sorts the pairs
+    joined = _join(scene, model, cups)
+    constrained = bool(
+        surfaces or cups or joined.motors or model.neq or model.jnt_limited.any() or model.tendon_limited.any()
+        or model.dof_frictionloss.any()
+    )  # fmt: skip
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.opt.disableflags |= _DISABLE.mjDSBL_AUTORESET
-    if surfaces:
+    if constrained:
         model.opt.tolerance = 1e-15
         model.opt.disableflags |= _DISABLE.mjDSBL_ISLAND
+        for rows in (model.eq_solimp, model.jnt_solimp, model.tendon_solimp_lim, model.dof_solimp):
+            rows[:] = contact.IMPEDANCE
     else:
+        model.opt.disableflags |= _DISABLE.mjDSBL_CONSTRAINT
+    if not (surfaces or cups):
         model.opt.disableflags |= _DISABLE.mjDSBL_CONTACT
-        if not (model.neq or model.jnt_limited.any() or model.tendon_limited.any() or model.dof_frictionloss.any()):
-            model.opt.disableflags |= _DISABLE.mjDSBL_CONSTRAINT
     _refuse(specimen, model, scene)
-    return Compiled(specimen, scene, fidelity, model, surfaces, sample / steps, steps, stride, frames * stride)
+    return Compiled(specimen, scene, fidelity, model, surfaces, joined, constrained, sample / steps, steps, stride,
+                    frames * stride)  # fmt: skip
+
+
+def _join(scene: Scene, model: Any, cups: list[tuple[Bowl, str, Surface]]) -> contact.Joined:
+    """The scene's motors, bonds and bowls by the numbers of the model; KeyError names what is missing."""
+    return contact.Joined(
+        motors=tuple((int(model.joint(motor.joint).dofadr[0]), motor) for motor in scene.motors),
+        bonds=tuple(sorted(((int(model.equality(bond.weld).id), bond) for bond in scene.bonds), key=lambda b: b[0])),
+        cups=tuple((bowl, int(model.geom(other).id), surface) for bowl, other, surface in cups),
+    )
 
 
 def _geoms(scene: Scene, name: str) -> list[Any]:
@@ -127,13 +151,21 @@ def _geoms(scene: Scene, name: str) -> list[Any]:
     return [geom]
 
 
-def _contact_pairs(scene: Scene, step: float) -> dict[str, Surface]:
-    """Declare the pairs. Their solref serves who opens the scene in the viewer; our own steps write the references."""
-    surfaces = {}
+def _contact_pairs(scene: Scene, step: float) -> tuple[dict[str, Surface], list[tuple[Bowl, str, Surface]]]:
+    """Declare the pairs. Their solref serves who opens the scene in the viewer; our own steps write the references.
+
+    What lies in a bowl is returned by itself: MuJoCo has no such pair.
+    """
+    surfaces, cups = {}, []
+    bowls = {bowl.geom: bowl for bowl in scene.bowls}
     for first, second in dict.fromkeys(scene.touching):
         surface = scene.matter[first].surface.against(scene.matter[second].surface)
         for a in _geoms(scene, first):
             for b in _geoms(scene, second):
+                if a.name in bowls or b.name in bowls:
+                    bowl, other = (bowls[a.name], b.name) if a.name in bowls else (bowls[b.name], a.name)
+                    cups.append((bowl, other, surface))
+                    continue
                 name = f"{a.name} {b.name}"
                 pair = scene.spec.add_pair(name=name, geomname1=a.name, geomname2=b.name)
                 pair.condim = 3 if surface.static_friction > 0 else 1
@@ -143,7 +175,7 @@ def _contact_pairs(scene: Scene, step: float) -> dict[str, Surface]:
                 pair.solreffriction = (0.0, -1 / step)
                 pair.solimp = contact.IMPEDANCE
                 surfaces[name] = surface
-    return surfaces
+    return surfaces, cups
 
 
 def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
@@ -210,20 +242,24 @@ class Stepper:
     def __init__(self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0), data: Any = None) -> None:
         self.compiled, self.model = compiled, compiled.model
         self.data = mujoco.MjData(self.model) if data is None else data
-        self.impacts: list[Impact] = []
         _start(self.model, self.data, compiled.scene)
         for j in range(self.model.njnt):
             if self.model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
                 address = self.model.jnt_dofadr[j]
                 self.data.qvel[address : address + 3] += boost
         self._pushes = [effect.bind(self.model) for effect in compiled.scene.effects]
-        self._contacts = contact.Solver(self.model, compiled.pairs) if compiled.pairs else None
+        for name, value in compiled.scene.control.items():
+            self.data.ctrl[self.model.actuator(name).id] = value
+        self._switch_on()
+        constrained = compiled.constrained
+        self._solver = contact.Solver(self.model, compiled.pairs, compiled.joined) if constrained else None
         self._sample, self._clock = 0, self.data.time
         self._steps, self._rate = compiled.steps, compiled.scene.fps * compiled.stride
         self._warned: list[str] = []
         self._state = self.data.qpos, self.data.qvel, self.data.warning.number
         self._clear = self.data.xfrc_applied.fill
-        _forward(self.model, self.data)
+        self._crowded = False
+        self._forward()
 
     def __enter__(self) -> Stepper:
         # without a listener MuJoCo writes MUJOCO_LOG.TXT wherever it runs
@@ -246,7 +282,7 @@ class Stepper:
         data = self.data
         self._sample += 1
         try:
-            if self._contacts is None:
+            if self._solver is None:
                 mujoco.mj_step(self.model, data, self._steps)
             else:
                 for _ in range(self._steps):
@@ -270,45 +306,78 @@ class Stepper:
             wrong.append(f"MuJoCo's clock stands at {self._clock} s")
         raise UnstableScene(self.compiled.specimen, self.data.time, "; ".join(wrong) or "the state is beyond 1e150")
 
+    @property
+    def impacts(self) -> list[Impact]:
+        """Collisions so far."""
+        return self._solver.impacts if self._solver else []
+
+    @property
+    def breaks(self) -> list[Break]:
+        """Bonds that broke so far."""
+        return self._solver.breaks if self._solver else []
+
+    def _switch_on(self) -> None:
+        """Everything that will be cut holds; what is to happen when, soonest last."""
+        model, data, scene = self.model, self.data, self.compiled.scene
+        self._switches: list[tuple[float, Callable[[], None]]] = []
+        for name, when in scene.cuts.items():
+            if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_EQUALITY, name)) >= 0:
+                self._switches.append((when, functools.partial(data.eq_active.__setitem__, number, 0)))
+            else:
+                number = model.tendon(name).id
+                model.tendon_limited[number] = 1
+                self._switches.append((when, functools.partial(model.tendon_limited.__setitem__, number, 0)))
+        for dof, motor in self.compiled.joined.motors:
+            self._switches.append((motor.off, functools.partial(model.dof_frictionloss.__setitem__, dof, 0.0)))
+        self._switches = sorted((s for s in self._switches if s[0] < math.inf), key=lambda s: -s[0])
+
     def _step(self) -> None:
-        solver, model, data = self._contacts, self.model, self.data
+        solver, model, data = self._solver, self.model, self.data
         assert solver is not None
         solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
         left = self.compiled.step
-        _forward(model, data)
-        for _ in range(_MAX_EVENTS):
+        self._forward()
+        if self._crowded:
+            before = len(solver.impacts)
+            solver.slide(data, left, crowded=True)
+            self._crowded = len(solver.impacts) > before + _QUIET
+            return
+        for events in range(_MAX_EVENTS):
+            due = self._switches[-1][0] - data.time if self._switches else math.inf
+            if due <= 1e-12:
+                self._switches.pop()[1]()
+                self._forward()
+                continue
             soonest, gap, engaged = solver.look(data, left)
             if gap <= contact.TOUCH:
-                self.impacts += solver.impact(data)
+                solver.impact(data)
                 mujoco.mj_fwdVelocity(model, data)
+                self._crowded = events > _CROWD
                 continue
-            piece = min(left, soonest)
+            if self._crowded:
+                solver.slide(data, left, crowded=True)
+                return
+            piece = min(left, soonest, due)
             state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
+            memory = solver.remember()
             while True:
-                (solver.slide if engaged else self._fly)(data, piece)
-                _forward(model, data)
+                (solver.slide if engaged else solver.fly)(data, piece)
+                self._forward()
                 back, gap, _ = solver.look(data, left)
                 if gap >= -contact.TOUCH or piece + back <= 0:
                     break
                 # the surfaces met within the piece: it shall end where they do
                 piece += back
                 data.qpos[:], data.qvel[:], data.qacc_warmstart[:], data.time = state
+                solver.recall(memory)
             left -= piece
             if left <= 1e-12 * self.compiled.step:
                 return
         raise UnstableScene(self.compiled.specimen, data.time, f"{_MAX_EVENTS} impacts within one step")
 
-    def _fly(self, data: Any, dt: float) -> None:
-        option = self.model.opt
-        flags, option.timestep = option.disableflags, dt
-        option.disableflags = flags | _DISABLE.mjDSBL_CONTACT
-        mujoco.mj_step(self.model, data)
-        option.disableflags = flags
-
-
-def _forward(model: Any, data: Any) -> None:
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
+    def _forward(self) -> None:
+        (self._solver.place if self._solver else functools.partial(mujoco.mj_fwdPosition, self.model))(self.data)
+        mujoco.mj_fwdVelocity(self.model, self.data)
 
 
 def simulate(
@@ -362,7 +431,7 @@ def simulate_specimen(
                     progress((i + 1) / count)
     return Run(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
-        stride=compiled.stride, impacts=tuple(stepper.impacts), step=compiled.step,
+        stride=compiled.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=compiled.step,
         seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed),
     )  # fmt: skip
 

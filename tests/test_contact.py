@@ -180,7 +180,8 @@ def after_impact(geoms: Any, pairs: Any) -> tuple[Array, Array, list[Impact]]:
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
     solver.look(data, 1e-9)
-    report = solver.impact(data)
+    solver.impact(data)
+    report = solver.impacts
     v = data.qvel.reshape(-1, 6)
     spins = [data.xmat[i + 1].reshape(3, 3) @ v[i, 3:] for i in range(len(v))]
     return v[:, :3].copy(), np.array(spins), report
