@@ -517,21 +517,20 @@ def place(
     for meeting in fracture.interfaces:
         first, second = bodies[meeting.first], bodies[meeting.second]
         anchor = np.asarray(meeting.centre) - fracture.chunks[meeting.second].whole.centre
-        apart = fracture.chunks[meeting.second].whole.centre - fracture.chunks[meeting.first].whole.centre
         label = f"{name}/bond{meeting.first:0{digits}d}-{meeting.second:0{digits}d}"
-        welds.append(bond(scene, label, first, second, anchor=anchor, apart=apart))
+        welds.append(bond(scene, label, first, second, anchor=anchor))
         if stress < math.inf:
             scene.bonds.append(Bond(label, stress * meeting.area, meeting.lever))
     return Placed(fracture, tuple(bodies), tuple(welds))
 
 
-def bond(scene: Scene, name: str, first: str, second: str, *, anchor: ArrayLike, apart: ArrayLike) -> str:
-    """Weld two bodies of one orientation; returns the weld's name.
+def bond(scene: Scene, name: str, first: str, second: str, *, anchor: ArrayLike) -> str:
+    """Weld two bodies as they stand in the specification; returns the weld's name.
 
-    anchor: where its force acts, from the second body's origin; apart: from the first body's origin to the second's;
-    both in the bodies' axes [m].
+    anchor: where its force acts, in the second body's axes, from its origin [m].
     """
     weld = scene.spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
     weld.name1, weld.name2 = first, second
-    weld.data[:11] = (*np.asarray(anchor, float), *np.asarray(apart, float), 1.0, 0.0, 0.0, 0.0, 1.0)
+    # relative place and orientation left at zero: the compiler takes those of the specification
+    weld.data[:11] = (*np.asarray(anchor, float), *np.zeros(7), 1.0)
     return name
