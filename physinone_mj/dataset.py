@@ -261,13 +261,13 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
 
     things = {t.body: t.id for t in annotate.things(run)}
     tendons = np.zeros(run.model.ntendon, np.int32)
+    for tendon, body in run.scene.cords.items():
+        tendons[run.model.tendon(tendon).id] = things[body]
     coils = []
     for coil in run.scene.coils:
-        tendon = run.model.tendon(coil.tendon).id
-        tendons[tendon] = things[coil.body]
-        coils.append(
-            raster.Coil(tendon, coil.turns, coil.radius, coil.wire, coil.rgba, segmentation=things[coil.body])
-        )
+        wound = run.model.tendon(coil.tendon).id
+        tendons[wound] = things[coil.body]
+        coils.append(raster.Coil(wound, coil.turns, coil.radius, coil.wire, coil.rgba, segmentation=things[coil.body]))
     ids = annotate.geom_ids(run)
     qpos = run.qpos[:: run.stride]
     progress("placing cameras", 0.0)

@@ -183,6 +183,7 @@ class Scene:
     effects: list[Effect] = field(default_factory=list)
     continua: list[Medium] = field(default_factory=list)
     coils: list[Coil] = field(default_factory=list)
+    cords: dict[str, str] = field(default_factory=dict)
     start: dict[str, ArrayLike] = field(default_factory=dict)
     speed: dict[str, ArrayLike] = field(default_factory=dict)
     matter: dict[str, Matter] = field(default_factory=dict)
@@ -220,6 +221,13 @@ class Scene:
     def coil(self, coil: Coil) -> None:
         """Draw a tendon as a helical spring."""
         self.coils.append(coil)
+
+    def cord(self, tendon: str, body: str) -> None:
+        """Show a spatial tendon as a cord that belongs to a body.
+
+        With two sites and a `springlength` (or a `range`) from 0 to L₀ it hangs slack while it is shorter than L₀.
+        """
+        self.cords[tendon] = body
 
     def resolve(self, *, time: float, length: float, duration: float) -> None:
         """State the shortest time [s] and length [m] that matter and how long to watch [s].

@@ -377,7 +377,7 @@ class Raster:
             start = data.ten_wrapadr[tendon]
             path = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
             width = 2 * model.tendon_width[tendon]
-            points += [path - width, path + width]
+            points += [path - width, path + width, path - (0, 0, _sag(model, tendon, path))]
         bodies = np.concatenate(points)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
         depths = [data.geom_xpos[plane & seen, 2], geom_corners(model, data, np.flatnonzero(seen & ~plane))[:, 2]]
@@ -503,6 +503,13 @@ def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
     if len(sites) < 2:
         raise ValueError(f"a coil needs a spatial tendon with two sites, tendon {tendon} has {len(sites)}")
     return int(sites[0]), int(sites[-1])
+
+
+def _sag(model: mujoco.MjModel, tendon: int, path: NDArray[np.float64]) -> float:
+    """How far at most a slack tendon hangs below the lower of its ends [m], when its path (N, 3) is a straight line."""
+    longest = max(model.tendon_lengthspring[tendon, 1], model.tendon_range[tendon, 1] * model.tendon_limited[tendon])
+    across, up = math.hypot(*(path[-1] - path[0])[:2]), abs(path[-1, 2] - path[0, 2])
+    return max(math.sqrt(max(longest**2 - across**2, 0.0)) - up, 0.0) / 2
 
 
 def _options(*hidden: int) -> mujoco.MjvOption:

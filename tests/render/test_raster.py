@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from render.encode import SKY
-from render.raster import Coil, Raster, Still
+from render.raster import Coil, Raster, Still, _sag
 from render.rig import FOV, Sphere, back_project, fit_distance, look_at, orbit, project
 
 from .sets import BALL, CROWD, SPRING, staged
@@ -326,3 +326,21 @@ def test_what_changes_the_whole_picture_is_not_separated(world, message):
     )
     with Raster(model, (16, 16), ids, sphere=SPHERE) as raster:
         assert not raster.separable(), message
+
+
+@pytest.mark.parametrize("end", [(0.3, 0.1, 1.4), (0.0, 0.0, 1.1), (0.7, 0.0, 1.0), (0.2, 0.0, 0.5), (1.0, 0.0, 1.0)])
+def test_a_slack_tendon_hangs_no_lower_than_the_window_reckons(end):
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><site name="a" pos="0 0 1"/>'
+        f'<site name="b" pos="{end[0]} {end[1]} {end[2]}"/></worldbody><tendon>'
+        '<spatial name="cord" stiffness="5" springlength="0 .8"><site site="a"/><site site="b"/></spatial></tendon>'
+        "</mujoco>"
+    )
+    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, 200)
+    mujoco.mj_forward(model, data)
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 7, scene)
+    pieces = [g for g in scene.geoms[: scene.ngeom] if g.objtype == mujoco.mjtObj.mjOBJ_TENDON]
+    lowest = min(g.pos[2] - abs(g.mat[2, 2]) * g.size[2] for g in pieces)
+    path = np.array([(0, 0, 1), end])
+    below = path[:, 2].min() - lowest
+    assert below - 2e-3 <= _sag(model, 0, path) <= below + 0.1
