@@ -4,9 +4,9 @@ A solid is cut by the planes half-way between seed points (G. Voronoi, J. reine 
 fill it exactly; where two of them meet is an interface, and a bond across it is as strong as its area. Chunks may be
 cut again, any number of times: clusters that first come apart as wholes, then crumble.
 
-A chunk that is not convex, as one of a hollow vase, is made of convex pieces that move as one body: contact takes the
-convex hull of every geom. What collides is set back from each cut by half of `GAP`, so that neighbours start apart;
-masses and interfaces are those of the chunks that fill the solid.
+All chunks are convex, since contact knows convex shapes only: a solid that is not, as a hollow vase, is first cut along
+its inward edges, or given in convex parts. What collides is set back from each interface by half of `GAP`, so that
+neighbours start apart; masses and interfaces are those of the chunks that fill the solid.
 
 Defects: where it will break is decided before it is hit; cracks are plane; a bond is rigid until it goes.
 """
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -38,15 +37,15 @@ GAP: Final = 2e-5
 
 MOST_CHUNKS: Final = 200
 MOST_FACES: Final = 20_000
-MOST_PIECES: Final = 64
-"""Convex pieces of one chunk."""
+MOST_PARTS: Final = 64
+"""Convex parts of a solid that is not convex."""
 
 _FLAT: Final = 1e-6
-"""A chunk whose convex hull is larger by less than this fraction is convex."""
+"""A solid whose convex hull is larger by less than this fraction is convex."""
 
 _CANDIDATES: Final = 10
 _SLIVER: Final = 1e-4
-"""Pieces and interfaces smaller than this fraction of the mean are left out of contact and bonding."""
+"""Interfaces smaller than this fraction of a chunk's face are not bonded."""
 
 
 class Uncuttable(ValueError):
@@ -122,14 +121,14 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """What does not break any more. Coordinates are those of the whole solid.
+    """What does not break any more; convex. Coordinates are those of the whole solid.
 
-    whole: the chunk as it fills the solid (mass, inertia); pieces: convex, set back from the cuts (contact, pictures)
-    path: which cell it is of, at every depth of cutting
+    whole: the chunk as it fills the solid (mass, inertia); shape: set back from its neighbours (contact, pictures)
+    path: the convex part that it comes from, then which cell it is of, at every depth of cutting
     """
 
     whole: Solid
-    pieces: tuple[Solid, ...]
+    shape: Solid
     path: tuple[int, ...]
 
 
@@ -137,7 +136,8 @@ class Chunk:
 class Interface:
     """Where two chunks meet.
 
-    depth: at which cut they were parted (0 is the first); area [m²]; centre; normal, from the first to the second
+    depth: at which cut they were parted: 0 between convex parts of the solid, 1 by the first count, and so on
+    area [m²]; centre; normal: from the first to the second
     lever: section modulus / area [m]: a moment M strains the edge of the bond as much as a pull M/lever strains all of
         it (S. Timoshenko, Strength of Materials, part I, §23 eq. 57), about the axis in which it is weakest
     """
@@ -153,12 +153,16 @@ class Interface:
 
 @dataclass(frozen=True, eq=False)
 class Fracture:
-    """A solid in chunks. seeds: of the cells, by path."""
+    """A solid in chunks; parts: the solid, in convex parts."""
 
-    solid: Solid
+    parts: tuple[Solid, ...]
     chunks: tuple[Chunk, ...]
     interfaces: tuple[Interface, ...]
-    seeds: dict[tuple[int, ...], Vector]
+
+    @property
+    def volume(self) -> float:
+        """Of the solid [m³]."""
+        return math.fsum(part.volume for part in self.parts)
 
 
 @functools.lru_cache(maxsize=64)
@@ -172,46 +176,52 @@ def box(x: float, y: float, z: float) -> Solid:
 
 
 @functools.lru_cache(maxsize=64)
-def revolved(profile: tuple[tuple[float, float], ...], sides: int) -> Solid:
-    """A vase: a closed polygon of (radius, height) [m], counter-clockwise, turned about the z axis in flat `sides`.
+def revolved(sections: tuple[tuple[tuple[float, float], ...], ...], sides: int) -> tuple[Solid, ...]:
+    """A vase in convex parts: sections of its wall, turned about the z axis in flat `sides`.
 
-    The corners of the `sides`-gon lie on the circle. An inside makes it hollow.
+    Each section is a convex polygon of (radius, height) [m], counter-clockwise. One that touches the axis, as a bottom,
+    becomes one part; another one becomes a stave on every side. Corners of the `sides`-gon lie on the circle.
     """
-    if not 3 <= sides <= 64 or not 3 <= len(profile) <= 64:
-        raise Uncuttable(f"a profile of {len(profile)} points and {sides} sides; allowed: 3 to 64 of both")
-    if not np.isfinite(profile).all() or min(r for r, _ in profile) < 0:
-        raise Uncuttable("a profile with radii that are negative or not finite; allowed: 0 or more")
-    loop = list(pairwise([*profile, profile[0]]))
-    if any(_cross(a, b, c, d) for (a, b), (c, d) in combinations(loop, 2)):
-        raise Uncuttable("a profile that crosses itself")
-    turns = 2 * math.pi * np.arange(sides) / sides
-    vertices: list[Vector] = []
-    ring: list[list[int]] = []
-    for radius, height in profile:
-        around = turns if radius > 0 else turns[:1]
-        ring.append([len(vertices) + j for j in range(len(around))] * (1 if radius > 0 else sides))
-        vertices += [(radius * math.cos(a), radius * math.sin(a), height) for a in around]
-    faces = []
-    for i, j in pairwise([*range(len(profile)), 0]):
-        for k in range(sides):
-            n = (k + 1) % sides
-            quad = [(ring[i][k], ring[i][n], ring[j][n]), (ring[i][k], ring[j][n], ring[j][k])]
-            faces += [t for t in quad if len(set(t)) == 3]
-    return Solid(np.array(vertices), np.array(faces))
+    if not 3 <= sides <= 64:
+        raise Uncuttable(f"a vase of {sides} sides; allowed: 3 to 64")
+    turns = 2 * math.pi * np.arange(sides + 1) / sides
+    parts = []
+    for section in sections:
+        if len(section) < 3 or not np.isfinite(section).all() or min(radius for radius, _ in section) < 0:
+            raise Uncuttable("a section of a vase needs 3 points or more, with radii of 0 or more")
+        around = [(turns[:-1],)] if min(r for r, _ in section) == 0 else [(turns[k : k + 2],) for k in range(sides)]
+        for (angles,) in around:
+            corners = [(r * math.cos(a), r * math.sin(a), z) for r, z in section for a in angles]
+            part = _solid(Manifold.hull_points(np.array(corners)))
+            parts.append(part)
+    _refuse_overlap(parts)
+    return tuple(parts)
 
 
-def _cross(a: Sequence[float], b: Sequence[float], c: Sequence[float], d: Sequence[float]) -> bool:
-    """Whether two segments of the plane cross properly."""
-
-    def side(p: Sequence[float], q: Sequence[float], r: Sequence[float]) -> float:
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+def convex_parts(solid: Solid) -> tuple[Solid, ...]:
+    """A solid as convex ones, by cuts that halve its inward edges, deepest first; Uncuttable if it takes too many."""
+    done, todo = [], list(solid.manifold.decompose())
+    while todo:
+        part = todo.pop()
+        hull = part.hull()
+        if hull.volume() - part.volume() < _FLAT * part.volume():
+            done.append(_solid(part))
+            continue
+        for normal, offset in _inward(_solid(part)):
+            halves = part.split_by_plane(tuple(normal), offset)
+            if min(half.volume() for half in halves) > 1e-9 * part.volume():
+                break
+        else:
+            raise Uncuttable("a solid that cannot be cut into convex parts")
+        todo += [p for half in halves for p in half.decompose()]
+        if len(done) + len(todo) > MOST_PARTS:
+            raise Uncuttable(f"a solid of more than {MOST_PARTS} convex parts; allowed: a simpler one")
+    return tuple(done)
 
 
 @functools.lru_cache(maxsize=64)
 def shatter(
-    solid: Solid,
+    solid: Solid | tuple[Solid, ...],
     counts: tuple[int, ...],
     seed: int,
     *,
@@ -220,72 +230,83 @@ def shatter(
 ) -> Fracture:
     """Cut a solid into `counts[0]` chunks, each of them into `counts[1]`, and so on: the product of the counts.
 
-    A cell of a solid that is not convex may fall apart in several chunks, then there are more.
+    solid: if it comes in several parts, or has to be cut into them to be convex, the first count is shared among these
+        in proportion to their volume, but each is at least one chunk.
     seed: of the random cells; focus: a point towards which cells become smaller, in proportion to the distance;
     grain: a direction along which all cuts run, as through the thickness of a plate.
-    Uncuttable if that makes too many chunks or pieces, or the solid cannot be cut so.
+    Uncuttable if that makes too many chunks, or the solid cannot be cut so.
     """
     if not counts or any(count < 1 for count in counts) or not 2 <= math.prod(counts) <= MOST_CHUNKS:
         raise Uncuttable(f"cutting into {' x '.join(map(str, counts))} chunks; allowed: 2 to {MOST_CHUNKS} in all")
+    if seed < 0:
+        raise Uncuttable(f"seed = {seed}; allowed: 0 or more")
     for name, vector in (("focus", focus), ("grain", grain)):
         if vector is not None and (len(vector) != 3 or not np.isfinite(vector).all()):
             raise Uncuttable(f"{name} = {vector}; allowed: three finite numbers")
-    if grain is not None and not np.linalg.norm(grain) > 0:
+    if grain is not None and not np.any(grain):
         raise Uncuttable(f"grain = {grain}; allowed: a direction")
-    cells = [_Cell((), solid.manifold, solid.manifold)]
-    seeds: dict[tuple[int, ...], Vector] = {}
-    for count in counts:
-        finer: list[_Cell] = []
-        for cell in cells:
-            rng = np.random.default_rng([seed, *cell.path])
-            points = _scatter(_solid(cell.exact), count, rng, focus, grain)
-            seeds |= {(*cell.path, k): (float(x), float(y), float(z)) for k, (x, y, z) in enumerate(points)}
-            finer += [part for k in range(count) for part in _cell(cell, points, k)]
+    parts = solid if isinstance(solid, tuple) else convex_parts(solid)
+    _refuse_overlap(parts)
+    cells: list[tuple[tuple[int, ...], Any]] = [((k,), part.manifold) for k, part in enumerate(parts)]
+    for depth, count in enumerate(counts):
+        shares = _shares([part.volume for part in parts], count) if depth == 0 else [count] * len(cells)
+        finer: list[tuple[tuple[int, ...], Any]] = []
+        for (path, cell), share in zip(cells, shares, strict=True):
+            points = _scatter(_solid(cell), share, np.random.default_rng([seed, *path]), focus, grain)
+            finer += [((*path, k), _cell(cell, points, k)) for k in range(share)]
         cells = finer
     if len(cells) > MOST_CHUNKS:
         raise Uncuttable(f"the solid falls into {len(cells)} chunks; allowed: {MOST_CHUNKS}")
-    chunks = tuple(Chunk(_solid(c.exact), _pieces(c.apart), c.path) for c in cells)
-    total = math.fsum(c.whole.volume for c in chunks)
-    if not math.isclose(total, solid.volume, rel_tol=1e-9):
-        raise Uncuttable(f"a solid that intersects itself: chunks of {total:.9g} m³ in {solid.volume:.9g} m³")
-    return Fracture(solid, chunks, _interfaces(chunks, seeds), seeds)
+    wholes = [_solid(cell) for _, cell in cells]
+    total, volume = math.fsum(w.volume for w in wholes), math.fsum(part.volume for part in parts)
+    if not math.isclose(total, volume, rel_tol=1e-9):
+        raise Uncuttable(f"a solid that intersects itself: chunks of {total:.9g} m³ in {volume:.9g} m³")
+    paths = [path for path, _ in cells]
+    interfaces, planes = _interfaces(wholes, paths)
+    shapes = [_set_back(whole, plane) for whole, plane in zip(wholes, planes, strict=True)]
+    chunks = tuple(Chunk(*chunk) for chunk in zip(wholes, shapes, paths, strict=True))
+    return Fracture(parts, chunks, interfaces)
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """One connected part of a cell, in full and set back from all cuts so far."""
-
-    path: tuple[int, ...]
-    exact: Any
-    apart: Any
+def _refuse_overlap(parts: Sequence[Solid]) -> None:
+    for one, two in combinations(parts, 2):
+        common = (one.manifold ^ two.manifold).volume()
+        if common > 1e-9 * min(one.volume, two.volume):
+            raise Uncuttable(f"parts of a solid that have {common:.3g} m³ in common; allowed: none")
 
 
-def _cell(parent: _Cell, points: Array, k: int) -> list[_Cell]:
-    """The part of the parent that is nearest to the k-th point."""
-    exact, apart = parent.exact, parent.apart
+def _shares(volumes: Sequence[float], count: int) -> list[int]:
+    """How many chunks each part becomes: at least one, the next always where they are largest."""
+    shares = [1] * len(volumes)
+    while sum(shares) < count:
+        shares[int(np.argmax([v / n for v, n in zip(volumes, shares, strict=True)]))] += 1
+    return shares
+
+
+def _cell(cell: Any, points: Array, k: int) -> Any:
+    """The part of a cell that is nearest to the k-th point."""
     distance = np.linalg.norm(points - points[k], axis=1)
-    for j in np.argsort(distance)[1:]:
-        low, high = np.reshape(exact.bounding_box(), (2, 3))
+    for j in np.argsort(distance):
+        if j == k:
+            continue
+        low, high = np.reshape(cell.bounding_box(), (2, 3))
         if distance[j] > 2 * np.linalg.norm(np.maximum(np.abs(low - points[k]), np.abs(high - points[k]))):
             break  # this cut, and those of seeds still farther off, pass by
-        normal, offset = _bisector(points[j], points[k])
-        exact = exact.trim_by_plane(tuple(normal), offset)
-        apart = apart.trim_by_plane(tuple(normal), offset + GAP / 2)
-    if exact.is_empty() or apart.is_empty():
-        raise Uncuttable("a cell of the cut holds nothing: the chunks would be thinner than the gap between them")
-    path = (*parent.path, k)
-    parts = exact.decompose()
-    if len(parts) == 1:
-        return [_Cell(path, exact, apart)]
-    # what was set back belongs to the part that it was cut from
-    return [_Cell(path, part, part ^ apart) for part in parts]
+        normal = (points[k] - points[j]) / distance[j]
+        cell = cell.trim_by_plane(tuple(normal), float(normal @ (points[j] + points[k]) / 2))
+    if cell.is_empty():
+        raise Uncuttable("a cell of the cut holds nothing; allowed: fewer chunks")
+    return cell
 
 
-def _bisector(a: ArrayLike, b: ArrayLike) -> tuple[Array, float]:
-    """Unit normal, towards b, and offset of the plane half-way between two points."""
-    a, b = np.asarray(a, float), np.asarray(b, float)
-    normal = (b - a) / np.linalg.norm(b - a)
-    return normal, float(normal @ (a + b) / 2)
+def _set_back(whole: Solid, planes: Sequence[tuple[Array, float]]) -> Solid:
+    """A convex chunk without what is within half the gap of its neighbours."""
+    shape = whole.manifold
+    for normal, offset in planes:
+        shape = shape.trim_by_plane(tuple(-normal), GAP / 2 - offset)
+    if shape.volume() < whole.volume / 2:
+        raise Uncuttable(f"a chunk of {whole.volume:.2g} m³, thinner than the gap to the next; allowed: fewer chunks")
+    return _solid(shape)
 
 
 def _scatter(
@@ -325,30 +346,6 @@ def _solid(manifold: Any) -> Solid:
     return Solid(mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int64))
 
 
-def _pieces(manifold: Any) -> tuple[Solid, ...]:
-    """A solid as convex ones, by cuts that halve its inward edges, deepest first."""
-    done, todo = [], list(manifold.decompose())
-    least = _SLIVER * manifold.volume() / MOST_PIECES
-    while todo:
-        part = todo.pop()
-        if part.volume() < least:
-            continue
-        hull = part.hull()
-        if hull.volume() - part.volume() < _FLAT * part.volume():
-            done.append(_solid(hull))
-            continue
-        for normal, offset in _inward(_solid(part)):
-            halves = part.split_by_plane(tuple(normal), offset)
-            if min(half.volume() for half in halves) > 1e-9 * part.volume():
-                break
-        else:
-            raise Uncuttable("a chunk that cannot be cut into convex pieces")
-        todo += [p for half in halves for p in half.decompose()]
-        if len(done) + len(todo) > MOST_PIECES:
-            raise Uncuttable(f"a chunk of more than {MOST_PIECES} convex pieces; allowed: a simpler solid, more chunks")
-    return tuple(done)
-
-
 def _inward(solid: Solid) -> Iterator[tuple[Array, float]]:
     """The planes (normal, offset) that halve the inward edges of a solid, deepest first."""
     v, f = solid.vertices, solid.faces
@@ -380,30 +377,58 @@ def _moments(vertices: Array, faces: NDArray[np.int64]) -> tuple[float, Array, A
     return total, middle + centre, np.trace(second) * np.eye(3) - second
 
 
-def _interfaces(chunks: Sequence[Chunk], seeds: dict[tuple[int, ...], Vector]) -> tuple[Interface, ...]:
-    mean = sum(c.whole.volume for c in chunks) / len(chunks)
-    parts = Counter(c.path for c in chunks)
+def _interfaces(
+    wholes: Sequence[Solid], paths: Sequence[tuple[int, ...]]
+) -> tuple[tuple[Interface, ...], list[list[tuple[Array, float]]]]:
+    """Where chunks meet, and the planes (outward normal, offset) of the faces with which each meets others."""
     found = []
-    boxes = [(c.whole.vertices.min(axis=0) - GAP, c.whole.vertices.max(axis=0) + GAP) for c in chunks]
-    for i, j in combinations(range(len(chunks)), 2):
+    faces = [_faces(whole) for whole in wholes]
+    met: list[set[int]] = [set() for _ in wholes]
+    boxes = [(whole.vertices.min(axis=0) - GAP, whole.vertices.max(axis=0) + GAP) for whole in wholes]
+    for i, j in combinations(range(len(wholes)), 2):
         if (boxes[i][0] > boxes[j][1]).any() or (boxes[j][0] > boxes[i][1]).any():
             continue
-        one, two = chunks[i].path, chunks[j].path
-        depth = next((k for k, (a, b) in enumerate(zip(one, two, strict=True)) if a != b), None)
-        if depth is None:
-            continue  # parts of one cell: they lie apart
-        normal, offset = _bisector(seeds[one[: depth + 1]], seeds[two[: depth + 1]])
-        first, second = (_on(chunks[n].whole, normal, offset, sign) for n, sign in ((i, 1), (j, -1)))
-        polygons = first
-        if depth < len(one) - 1 or parts[one] + parts[two] > 2:
-            # of one face, only what faces the other chunk
-            polygons = [p for a in first for b in second if len(p := _clip(a, b)) > 2]
-        area, centre, modulus = _section(polygons)
-        if area > _SLIVER * mean ** (2 / 3):
-            across = _axes(normal)
-            place = tuple(float(x) for x in centre @ across + offset * normal)
-            found.append(Interface(i, j, depth, area, place, tuple(normal.tolist()), modulus / area))
-    return tuple(found)
+        (normals, offsets, mine), (others, their_offsets, theirs) = faces[i], faces[j]
+        size = max(1e-3, float(np.ptp(wholes[i].vertices, axis=0).max()))
+        facing = (normals @ others.T < -1 + 1e-9) & (np.abs(offsets[:, None] + their_offsets) < 1e-7 * size)
+        for a, b in np.argwhere(facing):
+            axes = _axes(normals[a])
+            area, centre, modulus = _section(_clip(mine[a] @ axes.T, theirs[b][::-1] @ axes.T))
+            if area > _SLIVER * wholes[i].volume ** (2 / 3):
+                met[i].add(int(a))
+                met[j].add(int(b))
+                place = centre @ axes + offsets[a] * normals[a]
+                depth = next(k for k, (p, q) in enumerate(zip(paths[i], paths[j], strict=True)) if p != q)
+                found.append(Interface(i, j, depth, area, _vector(place), _vector(normals[a]), modulus / area))
+    planes = [[(faces[i][0][a], float(faces[i][1][a])) for a in sorted(met[i])] for i in range(len(wholes))]
+    return tuple(found), planes
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def _faces(solid: Solid) -> tuple[Array, Array, list[Array]]:
+    """The plane faces of a convex solid: outward normals (n, 3), offsets (n,), and corners (k, 3), counter-clockwise
+    seen from outside."""
+    corners = solid.vertices[solid.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    normals, offsets, polygons = [], [], []
+    left = area > 1e-12 * area.max()  # needles that the cuts leave have no direction
+    while left.any():
+        n = int(np.argmax(area * left))
+        normal = across[n] / area[n]
+        offset = float(normal @ corners[n, 0])
+        flat = np.abs(corners @ normal - offset).max(axis=1) < 1e-8
+        points = solid.vertices[np.unique(solid.faces[flat & left])]
+        around = (points - points.mean(axis=0)) @ _axes(normal).T
+        normals.append(normal)
+        offsets.append(offset)
+        polygons.append(points[np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
+        left &= ~flat
+    return np.array(normals), np.array(offsets), polygons
 
 
 def _axes(normal: Array) -> Array:
@@ -413,51 +438,38 @@ def _axes(normal: Array) -> Array:
     return np.array([side, np.cross(normal, side)])
 
 
-def _on(solid: Solid, normal: Array, offset: float, sign: int) -> list[Array]:
-    """The triangles (3, 2) of a solid's surface that lie in a plane and face along (or against) its normal."""
-    corners = solid.vertices[solid.faces]
-    size = float(np.ptp(solid.vertices, axis=0).max())
-    flat = np.abs(corners @ normal - offset).max(axis=1) < 1e-8 * max(size, 1e-3)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ normal
-    inside = corners[flat & (sign * across > 0)] @ _axes(normal).T
-    return list(inside if sign > 0 else inside[:, ::-1])
-
-
 def _clip(polygon: Array, window: Array) -> Array:
     """What two convex polygons (n, 2), counter-clockwise, have in common (I. Sutherland & G. Hodgman, 1974)."""
-    points = [np.asarray(p) for p in polygon]
     for a, b in pairwise([*window, window[0]]):
-        inward = np.array([a[1] - b[1], b[0] - a[0]])
-        height = [float((p - a) @ inward) for p in points]
+        height = (b[0] - a[0]) * (polygon[:, 1] - a[1]) - (b[1] - a[1]) * (polygon[:, 0] - a[0])
+        if (height >= 0).all():
+            continue
         kept = []
-        for k, p in enumerate(points):
-            h, before, q = height[k], height[k - 1], points[k - 1]
-            if (h > 0) != (before > 0):
-                kept.append(q + (p - q) * (before / (before - h)))
-            if h > 0:
-                kept.append(p)
-        points = kept
-    return np.array(points).reshape(-1, 2)
+        for k, point in enumerate(polygon):
+            if (height[k] > 0) != (height[k - 1] > 0):
+                kept.append(polygon[k - 1] + (point - polygon[k - 1]) * (height[k - 1] / (height[k - 1] - height[k])))
+            if height[k] > 0:
+                kept.append(point)
+        polygon = np.array(kept).reshape(-1, 2)
+    return polygon
 
 
-def _section(polygons: Sequence[Array]) -> tuple[float, Array, float]:
-    """Area [m²], centroid (2,) and least section modulus [m³] of some polygons of a plane together."""
-    total, first, second = 0.0, np.zeros(2), np.zeros((2, 2))
-    for polygon in polygons:
-        a = polygon[0]
-        for b, c in pairwise(polygon[1:]):
-            area = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2
-            corners = np.array([a, b, c])
-            total += area
-            first += area * corners.mean(axis=0)
-            summed = corners.sum(axis=0)
-            second += area / 12 * (corners.T @ corners + np.outer(summed, summed))
+def _section(polygon: Array) -> tuple[float, Array, float]:
+    """Area [m²], centroid (2,) and least section modulus [m³] of a convex polygon (n, 2)."""
+    if len(polygon) < 3:
+        return 0.0, np.zeros(2), 0.0
+    local = polygon - polygon.mean(axis=0)
+    corners = np.stack([np.broadcast_to(local[0], local[2:].shape), local[1:-1], local[2:]], axis=1)
+    sides = corners[:, 1:] - corners[:, :1]
+    area = (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    total, summed = float(area.sum()), corners.sum(axis=1)
     if not total > 0:
         return 0.0, np.zeros(2), 0.0
-    centre = first / total
-    moments, axes = np.linalg.eigh(second - total * np.outer(centre, centre))
-    reach = [max(abs((polygon - centre) @ axis).max() for polygon in polygons) for axis in axes.T]
-    return total, centre, min(m / r for m, r in zip(moments, reach, strict=True))
+    centre = area @ summed / 3 / total
+    second = np.einsum("i,ikp,ikq->pq", area, corners, corners) + np.einsum("i,ip,iq->pq", area, summed, summed)
+    moments, axes = np.linalg.eigh(second / 12 - total * np.outer(centre, centre))
+    reach = np.abs((local - centre) @ axes).max(axis=0)
+    return total, centre + polygon.mean(axis=0), float((moments / reach).min())
 
 
 @dataclass(frozen=True)
@@ -504,12 +516,10 @@ def place(
         body.ipos, body.iquat = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
         body.fullinertia = (*inertia.diagonal(), inertia[0, 1], inertia[0, 2], inertia[1, 2])
         body.add_freejoint(name=f"{label}.free")
-        for k, piece in enumerate(chunk.pieces):
-            mesh = f"{label}.{k}"
-            vertices = (piece.vertices - whole.centre).ravel()
-            scene.spec.add_mesh(name=mesh, uservert=vertices, userface=piece.faces.ravel())
-            geom = body.add_geom(name=mesh, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=shiny.name)
-            geom.contype = geom.conaffinity = 0
+        vertices = (chunk.shape.vertices - whole.centre).ravel()
+        scene.spec.add_mesh(name=label, uservert=vertices, userface=chunk.shape.faces.ravel())
+        geom = body.add_geom(name=label, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=label, material=shiny.name)
+        geom.contype = geom.conaffinity = 0
         scene.material(label, density, surface)
         bodies.append(label)
     scene.touch(*bodies)

@@ -9,12 +9,12 @@ import pytest
 
 HOME = Path(__file__).resolve().parents[1]
 PACKAGES = ("physinone_mj", "phenomena", "mjcf_templates", "mpm_sidecar", "render")
-VOCABULARY = {"constants", "fidelity", "base", "scene", "run", "effects", "contact", "measure"}
+VOCABULARY = {"constants", "fidelity", "base", "scene", "run", "effects", "contact", "measure", "fracture"}
 MODULES = sorted(path.relative_to(HOME) for package in PACKAGES for path in (HOME / package).rglob("*.py"))
 
 # What the assembly loads only when a scene needs it.
 ENGINES = {"taichi", "OpenGL", "moderngl", "phenomena", "mpm_sidecar", "render"}
-FOUNDATION = set(sys.stdlib_module_names) | {"numpy", "scipy", "numba", "mujoco"}
+FOUNDATION = set(sys.stdlib_module_names) | {"numpy", "scipy", "numba", "mujoco", "manifold3d"}
 
 
 def imports(tree: ast.Module, module: Path) -> Iterator[tuple[str, bool]]:
