@@ -39,6 +39,8 @@ import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .run import Break, Impact
 
@@ -66,6 +68,9 @@ _PATIENCE: Final = 10
 step: then the references drift on along a direction in which nothing moves. They count as settled, too, when they are
 this close [m/s] and no nearer by half after this many solutions."""
 
+_NEVER: Final = -1e6
+"""Margin of a pair that does not collide [m]."""
+
 _OPEN: Final = -1e15
 """Target of a row that must not act: no motion is that slow."""
 
@@ -87,6 +92,10 @@ _PRESCRIBED: Final = 1e12
 CONTACT_TIME: Final = 1e-3
 """How long an impact lasts as far as bonds are concerned: its impulse over this is the force that may break them [s].
 Rigid bodies have no such time; a millisecond is that of fist-sized hard things at metres per second."""
+
+ADJOINING: Final = 5e-5
+"""Bodies that were one until this instant touch, in it, if they are nearer than this [m]: what breaks off still pushes
+against what it breaks from."""
 
 CLOSURE: Final = 0.5
 """Fraction of an equality's gap closed in one whole step; all of it would ring."""
@@ -284,6 +293,7 @@ def _aim(
     restitution: Array,
     kinetic: Array,
     static: Array,
+    touch: Array,
     velocity: Array,
     drift: Array,
     target: Array,
@@ -302,7 +312,7 @@ def _aim(
         normal = velocity[row]
         if impact:
             e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
-            target[row] = _OPEN if dist[i] > TOUCH else -normal - e * min(normal, 0.0)
+            target[row] = _OPEN if dist[i] > touch[pair] else -normal - e * min(normal, 0.0)
         elif speed[i] < -cut:
             # about to collide: the impact's business, not this step's, unless there is no time for each of them
             e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
@@ -409,6 +419,7 @@ class Solver:
         self._restitution = np.array([s.restitution for s in surfaces])
         self._kinetic = np.array([s.friction for s in surfaces])
         self._static = np.array([s.static_friction for s in surfaces])
+        self._touch = np.full(len(surfaces), TOUCH)
         self._motors = joined.motors
         self._course = np.zeros(model.nv)
         self._prescribed = np.zeros(model.nv)
@@ -419,6 +430,9 @@ class Solver:
         self._bonded = np.array([equality for equality, _ in joined.bonds], int)
         self._strength = np.array([bond.strength for _, bond in joined.bonds])
         self._lever = np.array([bond.lever for _, bond in joined.bonds])
+        self._ends = np.column_stack([model.eq_obj1id, model.eq_obj2id])[self._bonded].reshape(-1, 2)
+        self._pair_bodies = model.geom_bodyid[np.column_stack([model.pair_geom1, model.pair_geom2])].reshape(-1, 2)
+        self._one = np.zeros(model.npair, bool)
         connects = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_CONNECT)
         self._turns = np.isin(np.arange(max(model.neq, model.nv, model.ntendon)), connects)
         self._limited = bool(model.jnt_limited.any() or model.tendon_limited.any())
@@ -429,6 +443,15 @@ class Solver:
         self._acceleration: Array | None = None
         self.impacts: list[Impact] = []
         self.breaks: list[Break] = []
+        self._find_wholes(np.ones(len(self._bonds), bool))
+
+    def _find_wholes(self, alive: NDArray[np.bool_]) -> None:
+        """Which pairs of geoms belong to bodies that bonds make one: they do not collide."""
+        if self._bonds:
+            n, ends = self._model.nbody, self._ends[alive]
+            graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+            whole = connected_components(graph, directed=False)[1]
+            self._one = whole[self._pair_bodies[:, 0]] == whole[self._pair_bodies[:, 1]]
 
     def begin(self, data: Any, dt: float, gravity: float) -> None:
         """Set how far ahead contacts are detected: as far as anything can move in the step."""
@@ -436,7 +459,7 @@ class Solver:
         m = self._model
         reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
         ahead = 2 * dt * (reach + self._cut)
-        m.pair_margin[:] = max(4 * self._cut * dt, 2 * TOUCH)
+        m.pair_margin[:] = np.where(self._one, _NEVER, max(4 * self._cut * dt, 2 * TOUCH))
         m.pair_gap[:] = ahead
         for cup in self._cups:
             cup.margin, cup.ahead = max(4 * self._cut * dt, 2 * TOUCH), ahead
@@ -467,12 +490,15 @@ class Solver:
         self._shifts = np.empty(0)
         self._solve(data, 1.0, impact=True)
         while self._break(data, CONTACT_TIME):
+            self.look(data, self._step)
             self._solve(data, 1.0, impact=True)
         self._shifts = self._trend = np.empty(0)
         self._acceleration = None
         data.qvel += data.qacc
         data.qacc_warmstart[:] = warm
-        self._report(data, 1.0, data.contact.dist <= TOUCH)
+        pair = self._pair_of[data.contact.geom[:, 0], data.contact.geom[:, 1]]
+        self._report(data, 1.0, data.contact.dist <= self._touch[pair])
+        self._touch[:] = TOUCH
 
     def _report(self, data: Any, dt: float, met: NDArray[np.bool_]) -> None:
         for i in np.flatnonzero(met & (self._speed < -self._cut)):
@@ -495,7 +521,7 @@ class Solver:
             )
 
     def _break(self, data: Any, time: float) -> bool:
-        """Break the worst loaded of the bonds, if any is beyond its strength; the rows are then made anew.
+        """Break the worst loaded of the bonds, if any is beyond its strength; contacts and rows are then made anew.
 
         time: what the rows' forces are divided by to be newtons
         """
@@ -510,8 +536,14 @@ class Solver:
             return False
         for i in np.flatnonzero(load >= max(1.0, _TOGETHER * load.max())):
             data.eq_active[self._bonded[i]] = 0
+            alive[i] = False
             self.breaks.append(Break(float(data.time), self._bonds[i][1].weld, float(load[i] * self._strength[i])))
-        mujoco.mj_makeConstraint(self._model, data)
+        before = self._one
+        self._find_wholes(alive)
+        apart = np.flatnonzero(before & ~self._one)
+        self._touch[apart] = ADJOINING
+        self._model.pair_margin[apart] = max(4 * self._cut * self._step, 2 * ADJOINING)
+        self.place(data)
         if data.nefc:
             mujoco.mj_mulJacVec(self._model, data, data.efc_vel, data.qvel)
         self._shifts = self._trend = np.empty(0)
@@ -534,6 +566,8 @@ class Solver:
         Applied and Computational Mechanics 2 (1999) 1), instead of one after the other.
         """
         model = self._model
+        if self._before is None:
+            self._look_back(data, dt)
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         self.place(data)
         velocity = data.qvel.copy()
@@ -550,13 +584,27 @@ class Solver:
         met = data.contact.dist < 0.5 * self._speed * -dt
         self._solve(data, dt, crowded=crowded)
         while self._break(data, 1.0):
+            self.look(data, dt)
+            met = data.contact.dist < 0.5 * self._speed * -dt
             self._solve(data, dt, crowded=crowded)
+        self._touch[:] = TOUCH
         if crowded:
             self._report(data, dt, met)
         data.qvel += dt * data.qacc
         self._acceleration = data.qacc.copy() if dt > self._step / 2 and not crowded else None
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         data.time += dt
+
+    def _look_back(self, data: Any, dt: float) -> None:
+        """Take the rows of half a step ago for those of the last step, so that the first step knows how they turn."""
+        model, place = self._model, data.qpos.copy()
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, -dt / 2)
+        self.place(data)
+        mujoco.mj_fwdVelocity(model, data)
+        c = data.contact
+        self._before = _Before(c.geom.copy(), c.efc_address.copy(), c.dim.copy(), c.frame.copy(), data.efc_type.copy(),
+                               data.efc_id.copy(), data.efc_vel.copy())  # fmt: skip
+        data.qpos[:] = place
 
     def remember(self) -> tuple[Any, ...]:
         """What the last step left for the next; to be recalled if that is tried again."""
@@ -579,7 +627,8 @@ class Solver:
             now.drift(self._before, self._turns, drift)
         _aim(
             c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, self._restitution,
-            self._kinetic, self._static, velocity, drift, target, self._cut, dt, self._step, impact, crowded,
+            self._kinetic, self._static, self._touch, velocity, drift, target, self._cut, dt, self._step, impact,
+            crowded,
         )  # fmt: skip
         if len(target):
             for dof, motor in self._motors:
