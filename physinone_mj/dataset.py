@@ -261,9 +261,13 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
 
     things = {t.body: t.id for t in annotate.things(run)}
     tendons = np.zeros(run.model.ntendon, np.int32)
-    for tendon, body in run.scene.cords.items():
-        tendons[run.model.tendon(tendon).id] = things[body]
-    coils = []
+    coils: list[raster.Wire] = []
+    for name, body in run.scene.cords.items():
+        model, rope = run.model, run.model.tendon(name).id
+        tendons[rope] = things[body]
+        longest = max(model.tendon_lengthspring[rope, 1], model.tendon_range[rope, 1])
+        width, colour = model.tendon_width[rope], tuple(model.tendon_rgba[rope])
+        coils.append(raster.Cord(rope, longest, width, colour, segmentation=things[body]))
     for coil in run.scene.coils:
         wound = run.model.tendon(coil.tendon).id
         tendons[wound] = things[coil.body]

@@ -223,9 +223,9 @@ class Scene:
         self.coils.append(coil)
 
     def cord(self, tendon: str, body: str) -> None:
-        """Show a spatial tendon as a cord that belongs to a body.
+        """Show a spatial tendon as a rope that belongs to a body, with the tendon's colour and width (its radius).
 
-        With two sites and a `springlength` (or a `range`) from 0 to L₀ it hangs slack while it is shorter than L₀.
+        Shorter than the upper end of its `springlength` or `range`, it hangs slack; else it is straight.
         """
         self.cords[tendon] = body
 

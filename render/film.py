@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
-from render.raster import Coil, Free, Raster, Still, geom_corners, moving_geoms
+from render.raster import Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Footage:
         mocap_pos: (T, nmocap, 3), or None for the model's own.
         mocap_quat: (T, nmocap, 4), or None for the model's own.
         tendon_ids: (ntendon,) segmentation ids, or None for no tendon.
-        coils: springs drawn in place of their tendons.
+        coils: springs and ropes drawn in place of their tendons.
         size: (W, H) [pixel].
         fov: horizontal field of view [rad].
         modalities: of "rgb", "depth", "seg", those to write.
@@ -103,7 +103,7 @@ class Footage:
     mocap_pos: Array | None = None
     mocap_quat: Array | None = None
     tendon_ids: NDArray[np.integer[Any]] | None = None
-    coils: tuple[Coil, ...] = ()
+    coils: tuple[Wire, ...] = ()
     size: tuple[int, int] = SIZE
     fov: float = FOV
     modalities: frozenset[str] = field(default=MODALITIES)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise, product
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeAlias
 
 import cv2
 import mujoco
@@ -46,6 +46,7 @@ FACETS = 40_000
 """Facets that all round primitives together may take; decides how finely each is tessellated."""
 
 SEGMENTS_PER_TURN = 12
+CORD_PIECES = 40
 
 PAD, ALIGN = 8, 8
 """A window is wider than what moves by PAD on each side, for soft shadow edges, and starts at a multiple of ALIGN,
@@ -104,6 +105,9 @@ class Coil:
         rim = self.radius * np.sin(inside * math.pi / 2)
         object.__setattr__(self, "helix", np.stack([rim * np.cos(angle), rim * np.sin(angle), along], axis=1))
 
+    def __len__(self) -> int:
+        return len(self.helix)
+
     def wind(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points (N, 3) [m] of the wire's axis when the spring hangs between `start` (3,) and `end` (3,) [m]."""
         span = end - start
@@ -111,6 +115,65 @@ class Coil:
         side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
         side /= np.linalg.norm(side)
         return np.asarray(start + self.helix @ np.stack([side, np.cross(along, side), span]), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Cord:
+    """A rope drawn in place of a spatial tendon, between its first and its last site: straight when it is taut, and
+    hanging in a bow of its own length when it is slack. It can not bend sharply: two ends in one place leave a loop.
+
+    Args:
+        tendon: id of the tendon.
+        length: of the rope when nothing pulls at it [m].
+        wire: radius of the rope [m].
+        rgba: colour, four numbers from 0 to 1.
+        segmentation: id, 1 to 254.
+    """
+
+    tendon: int
+    length: float
+    wire: float
+    rgba: tuple[float, float, float, float]
+    segmentation: int
+    along: NDArray[np.float64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not (self.length > 0 and self.wire > 0):
+            raise ValueError(f"a cord needs length > 0 and wire > 0, got {self}")
+        if not 1 <= self.segmentation <= LAST_ID:
+            raise ValueError(f"segmentation id of a cord must be 1 to {LAST_ID}, got {self.segmentation}")
+        object.__setattr__(self, "along", np.linspace(0, 1, CORD_PIECES + 1))
+
+    def __len__(self) -> int:
+        return CORD_PIECES + 1
+
+    def wind(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (N, 3) [m] of the rope's axis when it is held at `start` (3,) and `end` (3,) [m]."""
+        span = end - start
+        line = start + self.along[:, None] * span
+        slack = self.length - float(np.linalg.norm(span))
+        if slack <= 0:
+            return np.asarray(line)
+        across = np.array([span[0], span[1], 0.0])
+        apart = float(np.linalg.norm(across))
+        side = across / apart if apart > 1e-6 else np.array([0.0, 1.0, 0.0])
+        bulge = max(min(0.12 * self.length, 0.4 * slack) - apart / 2, 0.0)
+        line -= bulge * np.sin(2 * math.pi * self.along)[:, None] * side
+        bow = 4 * self.along * (1 - self.along)
+
+        def sagging(depth: float) -> NDArray[np.float64]:
+            return np.asarray(line - np.outer(depth * bow, (0, 0, 1)))
+
+        low, high = 0.0, self.length
+        for _ in range(40):  # the deeper it hangs, the longer it is
+            middle = (low + high) / 2
+            long = float(np.linalg.norm(np.diff(sagging(middle), axis=0), axis=1).sum())
+            low, high = (middle, high) if long < self.length else (low, middle)
+        return sagging(low)
+
+
+Wire: TypeAlias = Coil | Cord
+"""What is drawn in place of a tendon."""
 
 
 class Raster:
@@ -123,7 +186,7 @@ class Raster:
         sphere: event sphere; lights, shadows and clipping planes are set relative to it.
         fov: horizontal field of view [rad].
         tendon_ids: (ntendon,) segmentation ids; a tendon without one is drawn in colour alone. None is all 0.
-        coils: springs drawn in place of their tendons.
+        coils: springs and ropes drawn in place of their tendons.
         samples: multisamples of the colour picture; 0 is none.
         shadow: width of the shadow map [texel]; 0 is no shadows, None suits the picture: 3072 for one of 1120 pixels.
 
@@ -141,7 +204,7 @@ class Raster:
         sphere: Sphere,
         fov: float = FOV,
         tendon_ids: ArrayLike | None = None,
-        coils: Collection[Coil] = (),
+        coils: Collection[Wire] = (),
         samples: int = 4,
         shadow: int | None = None,
     ) -> None:
@@ -160,12 +223,12 @@ class Raster:
         self._model.geom_castshadow[casts_none] = 0
         self._groups = self._model.geom_group.copy()
         self._data = mujoco.MjData(self._model)
-        self._wires: list[tuple[Coil, NDArray[np.float64]]] = []
+        self._wires: list[tuple[Wire, NDArray[np.float64]]] = []
         self._hidden_coils: frozenset[int] = frozenset()
         self._moving = moving_geoms(model)
         self._reach: NDArray[np.float64] | None = None
 
-        segments = sum(len(coil.helix) for coil in self.coils)
+        segments = sum(len(coil) for coil in self.coils)
         self._set_scales(segments)
         self._context = Context()
         suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
@@ -359,7 +422,7 @@ class Raster:
         mujoco.mjr_render(rect, scene, buffers)
         return rect
 
-    def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Coil]) -> None:
+    def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Wire]) -> None:
         self._model.geom_group[:] = np.where(geoms, self._groups, HIDDEN)
         self._model.tendon_group[:] = np.where(tendons, self._tendon_groups, HIDDEN)
         self._hidden_coils = frozenset(coil.tendon for coil in self.coils if coil not in coils)
@@ -377,7 +440,7 @@ class Raster:
             start = data.ten_wrapadr[tendon]
             path = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
             width = 2 * model.tendon_width[tendon]
-            points += [path - width, path + width, path - (0, 0, _sag(model, tendon, path))]
+            points += [path - width, path + width]
         bodies = np.concatenate(points)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
         depths = [data.geom_xpos[plane & seen, 2], geom_corners(model, data, np.flatnonzero(seen & ~plane))[:, 2]]
@@ -505,13 +568,6 @@ def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
     return int(sites[0]), int(sites[-1])
 
 
-def _sag(model: mujoco.MjModel, tendon: int, path: NDArray[np.float64]) -> float:
-    """How far at most a slack tendon hangs below the lower of its ends [m], when its path (N, 3) is a straight line."""
-    longest = max(model.tendon_lengthspring[tendon, 1], model.tendon_range[tendon, 1] * model.tendon_limited[tendon])
-    across, up = math.hypot(*(path[-1] - path[0])[:2]), abs(path[-1, 2] - path[0, 2])
-    return max(math.sqrt(max(longest**2 - across**2, 0.0)) - up, 0.0) / 2
-
-
 def _options(*hidden: int) -> mujoco.MjvOption:
     options = mujoco.MjvOption()
     for groups in (options.geomgroup, options.tendongroup, options.flexgroup, options.skingroup):
@@ -522,13 +578,13 @@ def _options(*hidden: int) -> mujoco.MjvOption:
     return options
 
 
-def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Coil, wire: NDArray[np.float64]) -> None:
+def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Wire, wire: NDArray[np.float64]) -> None:
     shape, colour = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(coil.rgba, np.float32)
     for start, end in pairwise(wire):
         geom = slots[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, np.zeros(3), np.zeros(3), np.zeros(9), colour)
         mujoco.mjv_connector(geom, shape, coil.wire, start, end)
         geom.category, geom.objtype, geom.objid = mujoco.mjtCatBit.mjCAT_DECOR, mujoco.mjtObj.mjOBJ_UNKNOWN, -1
-        geom.specular, geom.shininess = 0.6, 0.6
+        geom.specular, geom.shininess = (0.6, 0.6) if isinstance(coil, Coil) else (0.1, 0.1)
         geom.segid = scene.ngeom
         scene.ngeom += 1

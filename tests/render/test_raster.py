@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from render.encode import SKY
-from render.raster import Coil, Raster, Still, _sag
+from render.raster import Coil, Cord, Raster, Still
 from render.rig import FOV, Sphere, back_project, fit_distance, look_at, orbit, project
 
 from .sets import BALL, CROWD, SPRING, staged
@@ -328,19 +328,32 @@ def test_what_changes_the_whole_picture_is_not_separated(world, message):
         assert not raster.separable(), message
 
 
-@pytest.mark.parametrize("end", [(0.3, 0.1, 1.4), (0.0, 0.0, 1.1), (0.7, 0.0, 1.0), (0.2, 0.0, 0.5), (1.0, 0.0, 1.0)])
-def test_a_slack_tendon_hangs_no_lower_than_the_window_reckons(end):
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><site name="a" pos="0 0 1"/>'
-        f'<site name="b" pos="{end[0]} {end[1]} {end[2]}"/></worldbody><tendon>'
-        '<spatial name="cord" stiffness="5" springlength="0 .8"><site site="a"/><site site="b"/></spatial></tendon>'
-        "</mujoco>"
-    )
-    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, 200)
-    mujoco.mj_forward(model, data)
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 7, scene)
-    pieces = [g for g in scene.geoms[: scene.ngeom] if g.objtype == mujoco.mjtObj.mjOBJ_TENDON]
-    lowest = min(g.pos[2] - abs(g.mat[2, 2]) * g.size[2] for g in pieces)
-    path = np.array([(0, 0, 1), end])
-    below = path[:, 2].min() - lowest
-    assert below - 2e-3 <= _sag(model, 0, path) <= below + 0.1
+@pytest.mark.parametrize("end", [(0.3, 0.1, 1.4), (0.0, 0.0, 1.1), (0.7, 0.0, 1.0), (0.0, 0.0, 1.0)])
+def test_a_slack_cord_hangs_in_its_own_length(end):
+    cord, start = Cord(0, 0.8, 0.005, (1, 1, 1, 1), 3), np.array([0.0, 0.0, 1.0])
+    points = cord.wind(start, np.array(end))
+    assert points[[0, -1]] == pytest.approx(np.array([start, end]), abs=1e-12)
+    pieces = np.diff(points, axis=0)
+    assert np.linalg.norm(pieces, axis=1).sum() == pytest.approx(0.8, rel=1e-9)
+    assert points[:, 2].min() < min(1.0, end[2]) - 0.03
+    assert np.ptp(points[:, :2], axis=0).max() > 0.03
+
+
+def test_a_taut_cord_is_straight():
+    points = Cord(0, 0.8, 0.005, (1, 1, 1, 1), 3).wind(np.zeros(3), np.array([0.0, 0.6, -0.7]))
+    assert np.abs(np.cross(points, [0.0, 0.6, -0.7])).max() < 1e-12
+
+
+def test_a_cord_has_its_id():
+    model, ids = staged(SPRING)
+    sphere = Sphere(np.array([0, 0, 0.6]), 0.6)
+    pose = orbit(sphere, 0.5, 0.2, fit_distance(0.6))
+    with Raster(model, SIZE, ids, sphere=sphere, coils=[Cord(0, 0.8, 0.01, (1, 0, 0, 1), 42)]) as raster:
+        assert 42 in raster.depth_and_segmentation(pose)[1]
+
+
+@pytest.mark.parametrize("changes", [{"length": 0.0}, {"wire": 0.0}, {"segmentation": 255}])
+def test_an_impossible_cord_is_refused(changes):
+    fine = {"tendon": 0, "length": 0.5, "wire": 0.01, "rgba": (1, 1, 1, 1), "segmentation": 2}
+    with pytest.raises(ValueError, match="cord"):
+        Cord(**(fine | changes))
