@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import pi
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,30 +10,12 @@ from scipy.integrate import solve_ivp
 
 from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.contact import Surface
 from physinone_mj.effects import LINEAR, UNIFORM, AirStream, Box, Wind, fan
 from physinone_mj.measure import between
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene, free_pose
 
-HEIGHT = 0.34
-"""Of the fan's centre above the floor [m]: what rolls passes below its guard."""
-
-GRIP = 0.6
-"""Coefficient of friction between ball and floor."""
-
-
-@dataclass(frozen=True)
-class Body:
-    """What the wind pushes: its name, half height in radii, roundness β = I/(m r²) of what rolls, and grip."""
-
-    name: str
-    half_height: float
-    beta: float
-    friction: float
-
-
-BODIES = {"ball": Body("ball/ball", 1.0, 2 / 5, GRIP), "puck": Body("puck/puck", 1 / 3, 0.0, 0.0)}
+from .winds import BODIES, GRIP, HEIGHT, foam, mover
 
 
 class WindPushSameDir(Phenomenon, domain="mechanics"):
@@ -92,27 +72,17 @@ class WindPushSameDir(Phenomenon, domain="mechanics"):
         body, wind = BODIES[self.body], self.wind
         scene.effects.append(wind)
         fan(scene, wind.box)
-        part = scene.add(self.body)
-        half = self.radius * body.half_height
-        part.geom(self.body).size[:2] = (self.radius, half)
-        part.geom(self.body).mass = self.mass
-        if self.body == "puck":
-            part.geom("mark").pos[2], part.geom("mark").size[0] = half, 0.85 * self.radius
+        part = mover(scene, self.body, self.radius, self.mass, body.friction)
         # the step in the force at the fan falls on the edge of a frame, so on that of a time step
         frames = max(4, min(15, int(0.5 / self.speed * scene.fps)))
-        scene.start[part.name("free")] = free_pose((-self.speed * frames / scene.fps, 0.0, half))
+        scene.start[part.name("free")] = free_pose(
+            (-self.speed * frames / scene.fps, 0.0, self.radius * body.half_height)
+        )
         turning = self.speed / self.radius if body.beta else 0.0
         scene.speed[part.name("free")] = (self.speed, 0, 0, 0, turning, 0)
         crossing, exit_speed, fastest = self.passage()
         beyond = min(1.2, 2.0 * exit_speed)
-        pad = scene.add("pad")
-        pad.body("pad").pos[0] = self.length + beyond
-        volume = {"ball": 4 / 3 * pi * self.radius**3, "puck": 2 * pi * self.radius**2 * half}[self.body]
-        scene.material(body.name, self.mass / volume, Surface(friction=body.friction, restitution=0.1))
-        scene.material("stage/floor", 2000.0, Surface(friction=body.friction, restitution=0.1))
-        scene.material(pad.name("pad"), 100.0, Surface(restitution=0.1))
-        scene.touch(body.name, "stage/floor")
-        scene.touch(body.name, pad.name("pad"))
+        foam(scene, "pad", self.length + beyond, -1, body.name)
         duration = frames / scene.fps + crossing + beyond / exit_speed + 0.5
         scene.resolve(time=2 * self.radius / fastest, length=self.radius, duration=float(np.clip(duration, 2.0, 10.0)))
 
