@@ -100,6 +100,7 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
     def build(self, scene: Scene) -> None:
         """The seesaw, two loads on it, and a third weight on or over the end of the heavier one's side."""
         self._check_room()
+        self.seesaw.lying(1)
         surface = Surface(friction=self.friction)
         scene.material("stage/floor", 2400.0, Surface(friction=self.friction, restitution=0.4))
         self.seesaw.place(scene, self.tilt, surface)
@@ -226,9 +227,7 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
         if not len(when):
             raise NotEvaluated("no turning point within the run")
         inertia, along, out = there.seesaw.moments(there.riders)
-        return 2 * when[0], 4 * sqrt(inertia / (g * np.hypot(along, out))) * ellipk(
-            np.sin(atan(along / out) / 2) ** 2
-        )
+        return 2 * when[0], 4 * sqrt(inertia / (g * np.hypot(along, out))) * ellipk(np.sin(atan(along / out) / 2) ** 2)
 
     @law("tan θ = δm d/(M h)", source="Euler, Theoria motus corporum solidorum (1765): the balance; Mach, Mechanics, "
          "ch. I §1", within=(1e-4, 1e-5, 1e-6))  # fmt: skip

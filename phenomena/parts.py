@@ -95,8 +95,11 @@ class Seesaw:
         return Rider(mass, half, x, half + self.half_thickness - self.pivot, 2 / 3 * mass * half**2)
 
     def lying(self, side: int) -> float:
-        """Tilt with the end at +x (side 1) or -x (side -1) on the ground [rad]."""
+        """Tilt with the end at +x (side 1) or -x (side -1) on the ground [rad]; Refusal if it cannot come there."""
         arm, below = self.length / 2 - side * self.offset, self.half_thickness + self.pivot
+        if hypot(arm, below) < 1.05 * self.axle:
+            raise Refusal("R12", f"an axle {self.axle:.3g} m over the ground: that end of the plank cannot "
+                          f"come down to it; allowed: {hypot(arm, below) / 1.05:.4g} m")  # fmt: skip
         return -side * (asin(self.axle / hypot(arm, below)) - atan2(below, arm))
 
     def moments(self, riders: Sequence[Rider]) -> tuple[float, float, float]:
