@@ -2,65 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, pi, sin, sqrt, tan
+from math import cos, sin, sqrt, tan
 from typing import Annotated, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phenomena.slope import BETA, RACERS, padded_stop, place, plank
 from physinone_mj.base import Measurement, NotEvaluated, Param, Phenomenon, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
 from physinone_mj.measure import acceleration, between, crossings, fit, threshold
 from physinone_mj.run import Run
-from physinone_mj.scene import Scene, free_pose
+from physinone_mj.scene import Scene
 
 Array = NDArray[np.float64]
 
 RESTITUTION = 0.2
 """Of every pair: what little the racers bounce at the foot of the plank and at the stop."""
-
-RUN_OUT = 0.8
-"""From the foot of the plank to the stop [m]."""
-
-LANE = 2.9
-"""Width of a lane, in radii."""
-
-
-@dataclass(frozen=True)
-class Racer:
-    """One shape: moments of inertia / (m r²) about its axis (beta) and across it; volume of its matter / r³."""
-
-    template: str
-    tread: str
-    beta: float
-    across: float
-    volume: float
-
-    @property
-    def body(self) -> str:
-        """Its name in the scene."""
-        return f"{self.template}/{self.template.split('_')[-1]}"
-
-    @property
-    def contact(self) -> str:
-        """The geom that touches."""
-        return f"{self.template}/{self.tread}"
-
-
-SHELL, WIDTH, RIM = 0.05, 1.2, 0.8
-"""Thickness of the hollow shapes and half widths of cylinder and hoop, in radii (RIM is the hoop's whole width)."""
-
-RACERS = (
-    Racer("ball", "ball", 2 / 5, 2 / 5, 4 / 3 * pi),
-    Racer("cylinder", "tread", 1 / 2, 1 / 4 + WIDTH**2 / 12, pi * WIDTH),
-    Racer("hollow_ball", "shell", 2 / 3, 2 / 3, 4 * pi * SHELL),
-    Racer("hoop", "tread", 1.0, 1 / 2 + RIM**2 / 12, 2 * pi * SHELL * RIM),
-)
-"""In their order of arrival. The hollow ones have the moments of infinitely thin shells: I = 2/3 m r² and m r²."""
-
-BETA = np.array([racer.beta for racer in RACERS])
 
 
 class RollDownSlope(Phenomenon, domain="mechanics"):
@@ -74,56 +33,21 @@ class RollDownSlope(Phenomenon, domain="mechanics"):
 
     def build(self, scene: Scene) -> None:
         """A plank on legs with four lanes, four racers at its top, a padded stop on the floor."""
-        self._place_ramp(scene)
+        plank(scene, self.angle, self.length + 3 * self.radius, self.length, self.radius)
+        padded_stop(scene, self.radius)
         surface = Surface(friction=self.friction, restitution=RESTITUTION)
         for ground in ("ramp/slope", "stage/floor", "pad/foam"):
             scene.material(ground, 700.0, surface)
         scene.material("ramp/ramp", 700.0, surface)
         scene.material("pad/pad", 50.0, surface)
         for lane, racer in enumerate(RACERS):
-            self._place_racer(scene, racer, (lane - 1.5) * LANE * self.radius)
+            place(scene, lane, self.radius, self.density, self.start())
             scene.material(racer.contact, self.density, surface)
             scene.material(racer.body, self.density, surface)
             for ground in ("ramp/slope", "stage/floor", "pad/foam"):
                 scene.touch(racer.contact, ground)
         last = sqrt(2 * self.length / self.accelerations().min())
         scene.resolve(time=0.2, length=self.radius, duration=min(10.0, max(2.0, last + 1.5)))
-
-    def _place_ramp(self, scene: Scene) -> None:
-        part = scene.add("ramp")
-        long, wide = self.length + 3 * self.radius, 2 * LANE * self.radius
-        part.body("ramp").quat = (cos(self.angle / 2), 0, sin(self.angle / 2), 0)
-        part.geom("slope").pos[0], part.geom("slope").size[:2] = -long / 2, (long / 2, wide)
-        part.geom("plank").pos[0], part.geom("plank").size[:2] = -long / 2, (long / 2, wide)
-        top = long - 0.08
-        down = top * sin(self.angle) - 0.03 * cos(self.angle)
-        for leg, side in (("left_leg", -0.9 * wide), ("right_leg", 0.9 * wide)):
-            foot = (-top + down * sin(self.angle), side, -0.03 - down * cos(self.angle))
-            part.geom(leg).fromto = (-top, side, -0.03, *foot)
-        part.geom("start_line").pos[0], part.geom("start_line").size[1] = -self.length, wide
-        for i, across in enumerate((-wide / 2, 0, wide / 2)):
-            part.geom(f"lane{i}").pos, part.geom(f"lane{i}").size[0] = (-long / 2, across, 0), long / 2
-        stop, high = scene.add("pad"), 0.05 + 2.5 * self.radius
-        stop.body("pad").pos = (RUN_OUT, 0, 0)
-        for block, more in (("foam", 0.0), ("back", 0.02)):
-            stop.geom(block).pos[2], stop.geom(block).size[1:] = high / 2 + more, (wide + more, high / 2 + more)
-
-    def _place_racer(self, scene: Scene, racer: Racer, across: float) -> None:
-        r, part = self.radius, scene.add(racer.template)
-        mass = self.density * racer.volume * r**3
-        body = part.body(racer.template.split("_")[-1])
-        body.mass, body.explicitinertial, body.ipos, body.iquat = mass, True, (0, 0, 0), (1, 0, 0, 0)
-        body.inertia = mass * r**2 * np.array([racer.across, racer.beta, racer.across])
-        part.geom(racer.tread).size[0] = r
-        if racer.template == "cylinder":
-            part.geom("tread").size[1] = WIDTH * r / 2
-            part.geom("spoke").size = (0.93 * r, WIDTH * r / 2 + 0.0005, 0.15 * r)
-            part.geom("stripe").pos[2], part.geom("stripe").size = 0.93 * r, (0.15 * r, 0.49 * WIDTH * r, 0.065 * r)
-        elif racer.template == "hoop":
-            part.geom("tread").size[1] = RIM * r / 2
-            scene.spec.mesh("hoop/ring").scale = (r / 1.06, r / 1.06, RIM * r / 2 / 0.06)
-            part.geom("mark").pos[2], part.geom("mark").size = 0.94 * r, (0.1 * r, RIM * r / 2 + 0.0005, 0.058 * r)
-        scene.start[part.name("free")] = free_pose(self.start() + np.array([0, across, 0]))
 
     def start(self) -> Array:
         """Of a racer's centre (3,) [m], without its lane."""
