@@ -24,9 +24,11 @@ import mujoco
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .contact import Surface
-from .run import quaternion_matrix
+from .run import Run, quaternion_matrix
 from .scene import Bond, Scene
 
 Array = NDArray[np.float64]
@@ -472,13 +474,32 @@ def _section(polygon: Array) -> tuple[float, Array, float]:
     return total, centre + polygon.mean(axis=0), float((moments / reach).min())
 
 
-@dataclass(frozen=True)
-class Placed:
-    """A broken solid in a scene: its bodies' names, chunk by chunk, and its bonds' weld names, one per interface."""
+def bodies(name: str, fracture: Fracture) -> list[str]:
+    """What the chunks of a solid are called in a scene: "name/chunk00" ..."""
+    return [f"{name}/chunk{_number(fracture, i)}" for i in range(len(fracture.chunks))]
 
-    fracture: Fracture
-    bodies: tuple[str, ...]
-    welds: tuple[str, ...]
+
+def welds(name: str, fracture: Fracture) -> list[str]:
+    """What the bonds across the interfaces of a solid are called: "name/bond00-01" ..."""
+    return [f"{name}/bond{_number(fracture, i.first)}-{_number(fracture, i.second)}" for i in fracture.interfaces]
+
+
+def _number(fracture: Fracture, i: int) -> str:
+    return f"{i:0{max(2, len(str(len(fracture.chunks) - 1)))}d}"
+
+
+def holding(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
+    """Which bonds hold at every sample, (T, n)."""
+    gone = {broken.weld: broken.time for broken in run.breaks}
+    return np.asarray(run.t[:, None] <= [gone.get(name, math.inf) for name in names])
+
+
+def fragments(fracture: Fracture, holds: ArrayLike) -> NDArray[np.int32]:
+    """Which fragment every chunk (n,) belongs to, numbered from 0, when of the interfaces' bonds those (m,) hold."""
+    ends = np.array([(i.first, i.second) for i in fracture.interfaces])[np.asarray(holds, bool)].reshape(-1, 2)
+    n = len(fracture.chunks)
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
 def place(
@@ -493,8 +514,8 @@ def place(
     quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     colour: ArrayLike = (0.93, 0.90, 0.84),
     polish: float = 0.3,
-) -> Placed:
-    """Put a solid's chunks into a scene as free bodies "name/chunk00" ..., bonded where they meet.
+) -> list[str]:
+    """Put a solid's chunks into a scene as free bodies, bonded where they meet; returns the names of `bodies`.
 
     position, quaternion: of the solid's axes in the world; density [kg/m³]; polish: how it shines, 0 to 1
     stress: the tension that breaks it [Pa]; a bond's strength is stress x area. Infinite: nothing breaks.
@@ -505,10 +526,8 @@ def place(
     rotation = quaternion_matrix(np.asarray(quaternion, float)[None])[0]
     shiny = scene.spec.add_material(name=f"{name}/material", specular=polish, shininess=polish)
     shiny.rgba = (*np.asarray(colour, float), 1.0)
-    digits = max(2, len(str(len(fracture.chunks) - 1)))
-    bodies = []
-    for i, chunk in enumerate(fracture.chunks):
-        label = f"{name}/chunk{i:0{digits}d}"
+    labels = bodies(name, fracture)
+    for label, chunk in zip(labels, fracture.chunks, strict=True):
         whole = chunk.whole
         body = scene.spec.worldbody.add_body(name=label)
         body.pos, body.quat = np.asarray(position, float) + rotation @ whole.centre, quaternion
@@ -521,21 +540,18 @@ def place(
         geom = body.add_geom(name=label, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=label, material=shiny.name)
         geom.contype = geom.conaffinity = 0
         scene.material(label, density, surface)
-        bodies.append(label)
-    scene.touch(*bodies)
-    welds = []
-    for meeting in fracture.interfaces:
-        first, second = bodies[meeting.first], bodies[meeting.second]
+    scene.touch(*labels)
+    for weld, meeting in zip(welds(name, fracture), fracture.interfaces, strict=True):
+        first, second = labels[meeting.first], labels[meeting.second]
         anchor = np.asarray(meeting.centre) - fracture.chunks[meeting.second].whole.centre
-        label = f"{name}/bond{meeting.first:0{digits}d}-{meeting.second:0{digits}d}"
-        welds.append(bond(scene, label, first, second, anchor=anchor))
+        bond(scene, weld, first, second, anchor=anchor)
         if stress < math.inf:
-            scene.bonds.append(Bond(label, stress * meeting.area, meeting.lever))
-    return Placed(fracture, tuple(bodies), tuple(welds))
+            scene.bonds.append(Bond(weld, stress * meeting.area, meeting.lever))
+    return labels
 
 
-def bond(scene: Scene, name: str, first: str, second: str, *, anchor: ArrayLike) -> str:
-    """Weld two bodies as they stand in the specification; returns the weld's name.
+def bond(scene: Scene, name: str, first: str, second: str, *, anchor: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    """Weld two bodies as they stand in the specification; it holds for good unless the scene has a `Bond` of it.
 
     anchor: where its force acts, in the second body's axes, from its origin [m].
     """
@@ -543,4 +559,3 @@ def bond(scene: Scene, name: str, first: str, second: str, *, anchor: ArrayLike)
     weld.name1, weld.name2 = first, second
     # relative place and orientation left at zero: the compiler takes those of the specification
     weld.data[:11] = (*np.asarray(anchor, float), *np.zeros(7), 1.0)
-    return name
