@@ -201,14 +201,25 @@ class Scene:
         self.add("stage")
         self.spec.visual = _template("stage").visual  # attaching leaves a template's visual settings behind
 
-    def add(self, template: str, name: str | None = None) -> Part:
-        """Put `mjcf_templates/<template>.xml` into the world; its names get the prefix `<name>/`.
+    def add(self, template: str, name: str | None = None, *, on: str | None = None) -> Part:
+        """Put `mjcf_templates/<template>.xml` into the world, or `on` a body; its names get the prefix `<name>/`.
 
         The name is the template's unless given (to have it twice). FileNotFoundError if there is no such template.
         """
         prefix = (name or template) + "/"
-        self.spec.attach(_template(template), prefix=prefix, frame=self.spec.worldbody.add_frame())
+        bearer = self.spec.worldbody if on is None else self.spec.body(on)
+        if bearer is None:
+            raise KeyError(f"no body {on!r} in the scene")
+        self.spec.attach(_template(template), prefix=prefix, frame=bearer.add_frame())
         return Part(self.spec, prefix)
+
+    def connect(self, name: str, first: str, second: str) -> None:
+        """Hold two sites together, as a ball joint does: an equality of that name, which `cuts` may end."""
+        for site in (first, second):
+            if self.spec.site(site) is None:
+                raise KeyError(f"no site {site!r} in the scene")
+        equality = self.spec.add_equality(name=name, name1=first, name2=second)
+        equality.type, equality.objtype = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
 
     def material(self, body: str, density: float, surface: Surface) -> None:
         """Say what a body is made of; its surface rules the contacts of all its geoms."""
