@@ -43,9 +43,9 @@ OVERSAMPLING: Final = 8
 """Recorded samples per video frame, at least."""
 
 _MAX_EVENTS: Final = 1000
-_CROWD: Final = 8
+_CROWD: Final = 4
 """Impacts in one step after which the rest of it, and the steps that follow, take theirs all at once."""
-_QUIET: Final = 1
+_QUIET: Final = 2
 """Impacts in such a step at which they are taken one by one again."""
 _MAX_STEPS: Final = 20_000_000
 _MAX_MASS_RATIO: Final = 1e4
@@ -337,6 +337,12 @@ class Stepper:
         solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
         left = self.compiled.step
         self._forward()
+        if solver.wake(data):
+            solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
+            self._forward()
+        if not self._switches and solver.rest(data):
+            data.time += left
+            return
         if self._crowded:
             before = len(solver.impacts)
             solver.slide(data, left, crowded=True)
