@@ -502,7 +502,8 @@ class Solver:
         free = free[alone] if not (model.ntendon or model.nu) else free[:0]
         self._free_body, self._free_dof = model.jnt_bodyid[free], model.jnt_dofadr[free]
         self._free_place = model.jnt_qposadr[free]
-        self._free_radius = np.array([model.geom_rbound[model.geom_bodyid == b].max(initial=0.0) for b in self._free_body])
+        of = [model.geom_rbound[model.geom_bodyid == b] for b in self._free_body]
+        self._free_radius = np.array([radii.max(initial=0.0) for radii in of])
         self._static = model.body_weldid == 0
         self._still, self._heap = np.zeros(model.nbody, np.int32), np.zeros(model.nbody, np.int32)
         self._asleep = np.empty(0, int)
@@ -556,7 +557,7 @@ class Solver:
         ):  # fmt: skip
             self._count()
             data.qvel[self._asleep] = 0.0
-        return len(self._asleep) == self._model.nv
+        return bool(len(self._asleep) == self._model.nv)
 
     def _count(self) -> None:
         dofs = self._free_dof[self._heap[self._free_body] > 0]

@@ -31,7 +31,7 @@ from . import annotate
 from .base import Phenomenon, Refusal, Verdict
 from .fidelity import Fidelity
 from .registry import phenomenon
-from .run import Impact, Run
+from .run import Break, Impact, Run
 from .simulate import Compiled, build, compile, repeater, simulate_specimen
 
 Array = NDArray[np.float64]
@@ -345,6 +345,9 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
     yield "contacts/normal", np.array([i.normal for i in hits]).reshape(-1, 3), "1", "from the first to the second"
     yield "contacts/approach", np.array([i.approach for i in hits]), "m/s", "normal closing speed before"
     yield "contacts/impulse", np.array([i.impulse for i in hits]).reshape(-1, 3), "N s", "on the second body"
+    yield "breaks/time", np.array([b.time for b in run.breaks]), "s", "instant at which each bond broke"
+    yield "breaks/weld", np.array([b.weld.encode() for b in run.breaks], dtype="S64"), "1", "bond"
+    yield "breaks/load", np.array([b.load for b in run.breaks]), "N", "that broke it"
     kinds = [name for name in mujoco.mjtWarning.__members__ if name != "mjNWARNING"]
     yield "warnings", np.zeros(len(kinds), np.int64), "1", "counts of " + ", ".join(kinds)
 
@@ -398,6 +401,8 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
             hits = len(c["time"])
             c |= {key: get(f"contacts/{key}", hits) for key in ("first", "second", "approach")}
             c |= {key: get(f"contacts/{key}", hits, 3) for key in ("position", "normal", "impulse")}
+            times = get("breaks/time", None)
+            welds, loads = (get(f"breaks/{key}", len(times)) for key in ("weld", "load"))
         impacts = tuple(
             Impact(
                 time=float(c["time"][i]), first=c["first"][i].decode(), second=c["second"][i].decode(),
@@ -406,6 +411,10 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
             )
             for i in range(hits)
         )  # fmt: skip
+        breaks = tuple(
+            Break(time=float(when), weld=weld.decode(), load=float(load))
+            for when, weld, load in zip(times, welds, loads, strict=True)
+        )
     except NotAScene:
         raise
     except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as why:
@@ -413,7 +422,7 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
     return Run(
         specimen=job.specimen, fidelity=job.fidelity, seed=job.seed, scene=compiled.scene, model=model, t=t,
         qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0,
-        again_with=repeater(job.specimen, job.fidelity, job.seed),
+        again_with=repeater(job.specimen, job.fidelity, job.seed), breaks=breaks,
     )  # fmt: skip
 
 
