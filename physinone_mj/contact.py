@@ -68,6 +68,11 @@ _PATIENCE: Final = 10
 step: then the references drift on along a direction in which nothing moves. They count as settled, too, when they are
 this close [m/s] and no nearer by half after this many solutions."""
 
+_LONG: Final = 200
+_NEARLY: Final = 1e-4
+"""Chunks wedged between others approach their solution ever more slowly: after this many solutions, this fraction of
+the greatest speed of approach (or of 1 m/s) is near enough."""
+
 _NEVER: Final = -1e6
 """Margin of a pair that is not looked at [m]."""
 
@@ -764,12 +769,13 @@ class Solver:
         reached = np.empty(len(target))
         nearest, waited, relax = np.inf, 0, 1.0
         many = np.count_nonzero(address >= 0) > _MANY
+        nearly = _NEARLY * max(1.0, -float(self._speed.min(initial=0.0)))
         for solutions in range(1, _MAX_SHIFTS + 1):
             mujoco.mj_fwdConstraint(model, data)
             data.qacc_warmstart[:] = data.qacc
             mujoco.mj_mulJacVec(model, data, reached, data.qacc)
             moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax) * dt
-            if moved < _SETTLED:
+            if moved < _SETTLED or (solutions > _LONG and moved < nearly):
                 break
             if many and moved < _AT_FIRST * 10 ** (solutions / 3):
                 break
