@@ -7,7 +7,7 @@ neighbours (Hermite), so that a crossing is found to the accuracy of the run, no
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,14 @@ def _interpolant(t: Array, x: Array, v: Array, i: int) -> KroghInterpolator:
     return KroghInterpolator(nodes, np.column_stack([x[part], v[part]]).ravel())
 
 
+def _root(f: Callable[[float], Any], stop: float) -> float:
+    """Where f changes its sign between 0 and `stop`; an end, if it vanishes there and rounding hides the change."""
+    first, last = float(f(0.0)), float(f(stop))
+    if first * last >= 0:
+        return 0.0 if abs(first) <= abs(last) else stop
+    return float(brentq(f, 0.0, stop, xtol=1e-15, rtol=1e-14))
+
+
 def crossings(t: Array, x: Array, v: Array, level: float = 0.0, *, rising: bool = True) -> Array:
     """Times (n,) at which x passes the level upwards (or downwards)."""
     y = (x - level) if rising else (level - x)
@@ -38,7 +46,7 @@ def crossings(t: Array, x: Array, v: Array, level: float = 0.0, *, rising: bool 
     found = []
     for i in np.nonzero((y[:-1] < 0) & (y[1:] >= 0))[0]:
         f = _interpolant(t, y, w, int(i))
-        found.append(t[i] + brentq(lambda s, f=f: float(f(s)), 0.0, t[i + 1] - t[i], xtol=1e-15, rtol=1e-14))
+        found.append(t[i] + _root(f, t[i + 1] - t[i]))
     return np.array(found)
 
 
@@ -55,7 +63,7 @@ def peaks(t: Array, x: Array, v: Array) -> tuple[Array, Array]:
     times, heights = [], []
     for i in np.nonzero((v[:-1] > 0) & (v[1:] <= 0))[0]:
         f = _interpolant(t, x, v, int(i))
-        s = brentq(lambda s, f=f: float(f.derivative(s)), 0.0, t[i + 1] - t[i], xtol=1e-15, rtol=1e-14)
+        s = _root(f.derivative, t[i + 1] - t[i])
         times.append(t[i] + s)
         heights.append(float(f(s)))
     return np.array(times), np.array(heights)
