@@ -85,6 +85,12 @@ class Balloon:
             return pace * (ratio + log(2)) if ratio < inf else inf
         return pace * acosh(exp(ratio))
 
+    @property
+    def spring(self) -> tuple[float, float, float]:
+        """Of a scale for its lift: moving mass [kg], stiffness [N/m] and damping [N s/m]; it soon comes to rest."""
+        rate, mass = 20 / self.pace(), self.inertia
+        return mass, 2 * mass * rate**2, 1.2 * mass * rate
+
     def put(
         self, scene: Scene, name: str, centre: ArrayLike, colour: tuple[float, float, float],
         quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0),
@@ -103,3 +109,17 @@ class Balloon:
         for matter in ("balloon", "skin"):
             scene.material(part.name(matter), self.mass / self.volume, RUBBER)
         return part, Float(part.name("centre"), self.volume, self.drag_area)
+
+
+def tie(scene: Scene, name: str, knot: str, eye: str, length: float, owner: str) -> None:
+    """A thread between two sites: no longer than its length [m], without mass, slack when they are nearer.
+
+    owner: the body that it belongs to, in pictures.
+    """
+    import mujoco
+
+    thread = scene.spec.add_tendon(name=name, limited=mujoco.mjtLimited.mjLIMITED_TRUE, range=(0.0, length))
+    thread.width, thread.rgba = 0.003, (0.20, 0.22, 0.26, 1.0)
+    thread.wrap_site(knot)
+    thread.wrap_site(eye)
+    scene.cord(name, owner)

@@ -65,12 +65,6 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
         return self.height - START - self.radius - self.radius / (cos(self.tilt) if self.ceiling == "inclined" else 1.0)
 
     @property
-    def spring(self) -> tuple[float, float, float]:
-        """Of the scale: mass of its disc [kg], stiffness [N/m], damping [N s/m]; soon at rest."""
-        rate, mass = 20 / self.balloon.pace(), self.balloon.inertia
-        return mass, 2 * mass * rate**2, 1.2 * mass * rate
-
-    @property
     def hovers(self) -> bool:
         """Whether it hardly rises."""
         return abs(self.balloon.lift) < HOVERING * self.balloon.mass * g
@@ -142,7 +136,7 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
 
     def _scale(self, scene: Scene) -> None:
         """A spring scale through the roof, tared: it reads nothing under the weight of its disc."""
-        mass, stiffness, damping = self.spring
+        mass, stiffness, damping = self.balloon.spring
         part = scene.add("dynamometer")
         part.body("housing").pos[2] = self.height
         part.geom("plate").mass, part.geom("plate").size[0] = mass, 0.16
@@ -235,7 +229,7 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
         late = between(one.t, one.t[-1] - 0.3, np.inf)
         if np.abs(speed[late]).max() > 1e-3 or press[late].min() <= 0:
             raise NotEvaluated(f"the scale still moves at {np.abs(speed[late]).max():.2g} m/s; needed: 1e-3 m/s")
-        return self.spring[1] * press[late].mean(), self.balloon.lift
+        return self.balloon.spring[1] * press[late].mean(), self.balloon.lift
 
     @law("4 π r³ (ρ - ρ_gas)/3 = m_skin", source="Archimedes, On Floating Bodies I, prop. 5-7",
          within=(1e-3, 1e-3, 1e-3), limited_by="the width of the bracket")  # fmt: skip
