@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import atan, pi, sqrt
 from typing import Annotated, Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -157,8 +158,10 @@ class ElasticCouple(Phenomenon, domain="mechanics"):
         body = part.body("glider")
         body.pos = (x, 0, 0.15 + lift)
         part.geom("block").mass = mass
-        body.add_geom(name=part.name("knob"), type=2, size=(0.01, 0, 0), pos=(0, ASIDE, 0), mass=0, contype=0,
-                      conaffinity=0, rgba=(0.93, 0.9, 0.84, 1))  # fmt: skip
+        body.add_geom(
+            name=part.name("knob"), type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.01, 0, 0), pos=(0, ASIDE, 0), mass=0,
+            contype=0, conaffinity=0, rgba=(0.93, 0.9, 0.84, 1),
+        )  # fmt: skip
         surface = Surface(friction=0.4, restitution=BUMP)
         for name in ("glider", "nose", "block"):
             scene.material(part.name(name), mass / (8 * 0.06 * 0.034 * 0.04), surface)
