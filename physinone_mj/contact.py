@@ -642,10 +642,10 @@ class Solver:
 
         time: what the rows' forces are divided by to be newtons
         """
-        if not self._bonds:
+        alive = data.eq_active[self._bonded].astype(bool)
+        if not alive.any():
             return False
         rows = np.searchsorted(data.efc_id[: data.ne], self._bonded)
-        alive = data.eq_active[self._bonded].astype(bool)
         force = data.efc_force[np.minimum(rows, max(data.nefc - 6, 0))[:, None] + np.arange(6)]
         pull, moment = np.linalg.norm(force[:, :3], axis=1), np.linalg.norm(force[:, 3:], axis=1) / 2
         load = np.where(alive, (pull + moment / self._lever) / (time * self._strength), 0.0)
