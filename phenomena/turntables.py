@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from dataclasses import dataclass
+from math import cos, hypot, inf, pi, sin
 from typing import Final
 
 import numpy as np
@@ -10,9 +11,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phenomena.parts import court
-from phenomena.spins import Course, across
+from phenomena.spins import Course, across, drift
+from physinone_mj.base import NotEvaluated
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
+from physinone_mj.measure import between
+from physinone_mj.run import Run
 from physinone_mj.scene import Part, Scene, free_pose
 
 Array = NDArray[np.float64]
@@ -21,13 +25,19 @@ HINGE: Final = "turntable/hinge"
 TOP: Final = "turntable/top"
 
 HALF: Final = 0.012
-"""Half thickness of the disc [m]."""
+"""Half thickness of a disc on a shaft [m]."""
+
+LOW: Final = 0.2
+"""A table no higher than this is a drum [m]: what falls off a low disc would be jammed under it."""
 
 BOARD: Final = 300.0
 """Density of the disc: light wood [kg/m³]."""
 
 FLOOR: Final = Surface(friction=0.4, restitution=0.2)
 """Of the ground and the rails round it."""
+
+SEEN: Final = 2e-4
+"""Slip that is more than a creep [m/s]."""
 
 _STILL: Final = 1e-7
 """Slip at which friction takes the direction that it is going to have [m/s]."""
@@ -36,18 +46,19 @@ _STILL: Final = 1e-7
 def turntable(scene: Scene, radius: float, height: float, course: Course, surface: Surface) -> Part:
     """A disc whose upper side is at a height [m], turned by a motor, on the ground."""
     part = scene.add("turntable")
-    part.body("turntable").pos[2] = height - HALF
+    half = HALF if height > LOW else height / 2 - 0.005
+    part.body("turntable").pos[2] = height - half
     top, shaft, motor, foot = (part.geom(name) for name in ("top", "shaft", "motor", "foot"))
-    top.size[:2], top.mass = (radius, HALF), BOARD * pi * radius**2 * 2 * HALF
-    below = height - 2 * HALF
+    top.size[:2], top.mass = (radius, half), BOARD * pi * radius**2 * 2 * half
+    below = height - 2 * half
     housing = min(0.7 * below, 0.10)
     width = min(0.07, 0.25 * radius)
     motor.pos[2], motor.size[:2] = housing / 2, (width, housing / 2)
-    shaft.pos[2], shaft.size[:2] = -HALF - (below - housing) / 2, (0.4 * width, (below - housing) / 2)
-    foot.pos[2], foot.size[:2] = 0.005, (min(0.16, 0.6 * radius), 0.005)
+    shaft.pos[2], shaft.size[:2] = -half - (below - housing) / 2, (0.4 * width, (below - housing) / 2)
+    foot.pos[2], foot.size[:2] = 0.004, (min(0.16, 0.6 * radius), 0.004)
     stripe, cap = part.geom("stripe"), part.geom("cap")
     stripe.pos[0], stripe.size[0] = radius / 2, radius / 2
-    stripe.pos[2] = cap.pos[2] = HALF
+    stripe.pos[2] = cap.pos[2] = half
     scene.material(TOP, BOARD, surface)
     scene.material(part.name("turntable"), BOARD, surface)
     scene.material(part.name("stand"), 7800.0, FLOOR)
@@ -88,22 +99,75 @@ def carry(scene: Scene, joint: str, radius: float, azimuth: float, height: float
     scene.speed[joint] = (*(radius * spin * across(out)), 0.0, 0.0, 0.0, spin)
 
 
-def slide(
-    course: Course, friction: float, since: float, start: tuple[Array, Array], towards: Array, t: Array
-) -> tuple[Array, Array]:
-    """Places and velocities in the plan (T, 2) of a flat block that slides on a turntable: ẍ = -μ g û, û = w/|w|,
-    w = ẋ - Ω ẑ × x.
+def slip_spin(friction: float, radius: float, rate: float) -> float:
+    """Spin that a block on a table speeding up stands [rad/s]: Ω = ((μ g/r)² - α²)^(1/4); 0 if it slips at once."""
+    return float(max((friction * g / radius) ** 2 - rate**2, 0.0) ** 0.25)
 
-    since: time [s] from which it slides, and `start` its place and velocity then; towards: unit vector (2,), of the
-    first slip; t: later times (T,) [s]
+
+def slip_time(course: Course, friction: float, radius: float) -> float:
+    """When a block that rides from the start first slips [s]; infinite if it never does."""
+    begins = course.slope if course.ramp > 0 else 0.0
+    if radius * hypot(course.first**2, begins) > friction * g:
+        return 0.0
+    spin = slip_spin(friction, radius, course.rate)
+    return (spin - course.first) / course.rate if course.first <= spin < course.last else inf
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A flat block's way over a turntable and off it, seen from above, from the moment `since` [s] when it slides.
+
+    start, velocity: in the plan (2,); towards: unit vector (2,) of the first slip
     """
 
-    def rate(when: float, y: Array) -> Array:
-        slip = y[2:] - course.spin(when) * across(y[:2]) + _STILL * towards
-        return np.concatenate([y[2:], -friction * g * slip / np.linalg.norm(slip)])
+    course: Course
+    friction: float
+    since: float
+    start: Array
+    velocity: Array
+    towards: Array
 
-    found = solve_ivp(
-        rate, (since, float(t[-1])), np.concatenate(start), method="Radau", t_eval=t, rtol=1e-9, atol=1e-11,
-        max_step=0.02,
-    )  # fmt: skip
-    return found.y[:2].T, found.y[2:].T
+    @classmethod
+    def riding(cls, course: Course, friction: float, radius: float, azimuth: float, since: float) -> Slide:
+        """Of a block that rode with the disc till then; azimuth: where it was at t = 0 [rad]."""
+        turned = azimuth + float(course.angle(since))
+        out = np.array([cos(turned), sin(turned)])
+        spin, speeding = float(course.spin(since)), float(course.acceleration(since))
+        pull = spin**2 * out - speeding * across(out)
+        return cls(course, friction, since, radius * out, radius * spin * across(out), pull / np.linalg.norm(pull))
+
+    def way(self, t: Array) -> tuple[Array, Array]:
+        """Places and velocities (T, 2) at later times: ẍ = -μ g û, û = w/|w|, w = ẋ - Ω ẑ × x."""
+
+        def rate(when: float, y: Array) -> Array:
+            slip = y[2:] - self.course.spin(when) * across(y[:2]) + _STILL * self.towards
+            return np.concatenate([y[2:], -self.friction * g * slip / np.linalg.norm(slip)])
+
+        span = (self.since, max(float(t[-1]), self.since + 1e-6))
+        begin = np.concatenate([self.start, self.velocity])
+        found = solve_ivp(rate, span, begin, method="Radau", t_eval=t, rtol=1e-9, atol=1e-11, max_step=0.02)
+        return found.y[:2].T, found.y[2:].T
+
+    def reach(self, distance: float, within: float) -> tuple[float, Array, Array] | None:
+        """When it comes to a distance from the axis, its place and velocity then; None if not in so many seconds."""
+        t = np.arange(self.since, self.since + within, 1 / 240)
+        x, v = self.way(t)
+        far = np.linalg.norm(x, axis=1)
+        i = int(np.argmax(far >= distance))
+        if i == 0:
+            return None
+        part = (distance - far[i - 1]) / (far[i] - far[i - 1])
+        return tuple(a[i - 1] + part * (a[i] - a[i - 1]) for a in (t, x, v))
+
+
+def onset(run: Run, body: str, *, reach: float = 0.15) -> float:
+    """When a block begins to slip [s]: its slip grows with the square of time, so its root is a line, read backwards
+    to zero over so many seconds. NotEvaluated if it does not slip, or does so from the start."""
+    speed = np.linalg.norm(drift(run, body, HINGE), axis=1)
+    first = int(np.argmax(speed > SEEN))
+    if first < 5 or first + 10 > len(speed):
+        raise NotEvaluated("the block does not begin to slip while it is watched")
+    some = between(run.t, run.t[first], run.t[first] + reach)
+    t = run.t[some]
+    roots = np.roots(np.polyfit(t - t[0], np.sqrt(speed[some]), 2))
+    return float(t[0] + roots[np.argmin(np.abs(roots))].real)
