@@ -46,7 +46,7 @@ class ChainSuspend(Phenomenon, domain="mechanics"):
     span: Annotated[float, Param("1", 0.3, 0.95, "between the hooks, in lengths of the chain")] = 0.7
     load: Annotated[float, Param("1", 0.0, 20.0, "lantern over chain, by mass; below 0.01 there is none")] = 0.6
     push: Annotated[float, Param("rad", 0.0, 0.5, "from the vertical of the pull that holds it until the start")] = 0.5
-    damping: Annotated[float, Param("1/s", 0.0, THICKEST, "drag of the air and the joints, by mass")] = 3.0
+    damping: Annotated[float, Param("1/s", 0.0, THICKEST, "drag of the air and the joints, by mass")] = 4.0
 
     @property
     def length(self) -> float:
