@@ -193,8 +193,8 @@ class ImpactFracture(Phenomenon, domain="mechanics"):
         due = momentum[0] - np.outer(run.t[aloft], (0, 0, mass * g))
         return momentum, due
 
-    @law("L = L₀ about the centre of mass", source="Landau & Lifshitz, Mechanics, §9 eq. 9.3", within=(1e-3, 3e-4, 3e-5),
-         limited_by="exact at the break; until the next sample fragments turn by second-order steps")  # fmt: skip
+    @law("L = L₀ about the centre of mass", source="Landau & Lifshitz, Mechanics, §9 eq. 9.3",
+         within=(1e-3, 3e-4, 3e-5), limited_by="exact at the break; until the next sample pieces turn by coarse steps")  # fmt: skip
     def breaking_does_not_change_the_angular_momentum(self, run: Run) -> Measurement:
         """24a: in a clash of a ball with a column, whose two blocks part; in the sample after it as in the first."""
         run, moving, _ = self.clash(run.again(shape="column", event="clash", strength=1e4))
@@ -215,7 +215,7 @@ class ImpactFracture(Phenomenon, domain="mechanics"):
         return middle, middle[0] + start * t - 0.5 * t**2 * (0, 0, g)
 
     @law("E = E₀ in flight; Ė ≤ 0 after", source="Landau & Lifshitz, Mechanics, §6; rigid bonds store nothing",
-         within=(1e-3, 1e-3, 1e-3), limited_by="Newton's restitution with friction at the corners of a heap")  # fmt: skip
+         within=(1e-3, 1e-3, 1e-3), limited_by="restitution with friction at the corners of a heap")  # fmt: skip
     def breaking_sets_no_energy_free(self, run: Run) -> Measurement:
         """24b: energy of everything; the greatest rise above what it was once anything touched."""
         energy = self.energy(run) / self.energy(run)[0]

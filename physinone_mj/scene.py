@@ -122,6 +122,47 @@ class Bowl:
 
 
 @dataclass(frozen=True)
+class Mirror:
+    """A face of a body that throws light back; its other faces swallow it.
+
+    geom: whose face it is; point, normal: a point of the face and its direction outwards, in the axes of the geom's
+    body [m]. Without them all of a round geom's surface is a mirror.
+    """
+
+    geom: str
+    point: tuple[float, float, float] | None = None
+    normal: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.point is None) != (self.normal is None):
+            raise ValueError(f"a mirror on {self.geom!r} with a point or a normal alone; allowed: both or neither")
+        if self.normal is not None and not math.isclose(math.hypot(*self.normal), 1.0, rel_tol=1e-9):
+            raise ValueError(f"normal = {self.normal} of the mirror on {self.geom!r}; allowed: a unit vector")
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A ray of laser light from a site along the site's z axis; `optics` follows it, and it is seen but not matter.
+
+    reach: where it ends if it meets nothing [m]; bounces: most reflections, after which it is cut off and says so
+    radius: as it is drawn [m]
+    """
+
+    name: str
+    site: str
+    reach: float = 10.0
+    bounces: int = 40
+    radius: float = 0.004
+    rgba: tuple[float, float, float, float] = (1.0, 0.12, 0.10, 0.85)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach < math.inf or not 0 < self.radius < math.inf:
+            raise ValueError(f"reach = {self.reach} m, radius = {self.radius} m of a beam; allowed: positive, finite")
+        if not 0 <= self.bounces <= 1000:
+            raise ValueError(f"bounces = {self.bounces} of a beam; allowed: 0 to 1000")
+
+
+@dataclass(frozen=True)
 class Matter:
     """What an object is made of, as the released dataset labels it: density [kg/m³] and surface."""
 
@@ -191,6 +232,8 @@ class Scene:
     motors: list[Motor] = field(default_factory=list)
     bonds: list[Bond] = field(default_factory=list)
     bowls: list[Bowl] = field(default_factory=list)
+    mirrors: list[Mirror] = field(default_factory=list)
+    beams: list[Beam] = field(default_factory=list)
     control: dict[str, float] = field(default_factory=dict)
     cuts: dict[str, float] = field(default_factory=dict)
     time: float = math.inf
