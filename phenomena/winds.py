@@ -28,6 +28,9 @@ GRIP: Final = 0.6
 LONGEST: Final = 10.0
 """Duration of a video at most [s]."""
 
+HARDEST: Final = 200.0
+"""Acceleration by a wind at most [m/s²]: more, and the body is gone within two frames."""
+
 
 @dataclass(frozen=True)
 class Body:
