@@ -27,7 +27,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from . import annotate
+from . import annotate, optics
 from .base import Phenomenon, Refusal, Verdict
 from .fidelity import Fidelity
 from .registry import phenomenon
@@ -274,10 +274,14 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
         coils.append(raster.Coil(wound, coil.turns, coil.radius, coil.wire, coil.rgba, segmentation=things[coil.body]))
     ids = annotate.geom_ids(run)
     qpos = run.qpos[:: run.stride]
+    beams = tuple(
+        raster.Beam(optics.follow(run.model, run.scene, beam, qpos).points, beam.radius, beam.rgba)
+        for beam in run.scene.beams
+    )
     progress("placing cameras", 0.0)
     blank = film.Footage(
         model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids), tendon_ids=tendons,
-        coils=tuple(coils), size=(job.size, job.size), modalities=frozenset(job.modalities),
+        coils=tuple(coils), beams=beams, size=(job.size, job.size), modalities=frozenset(job.modalities),
     )  # fmt: skip
     views = film.plan_views(blank, job.rng(1), count=job.views)
     footage = film.Footage(**{k: getattr(blank, k) for k in blank.__dataclass_fields__} | {"views": views})

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
-from render.raster import Free, Raster, Still, Wire, geom_corners, moving_geoms
+from render.raster import Beam, Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 
 Array = NDArray[np.float64]
@@ -87,6 +87,7 @@ class Footage:
         mocap_quat: (T, nmocap, 4), or None for the model's own.
         tendon_ids: (ntendon,) segmentation ids, or None for no tendon.
         coils: springs and ropes drawn in place of their tendons.
+        beams: of light, each with a path for every frame.
         size: (W, H) [pixel].
         fov: horizontal field of view [rad].
         modalities: of "rgb", "depth", "seg", those to write.
@@ -104,6 +105,7 @@ class Footage:
     mocap_quat: Array | None = None
     tendon_ids: NDArray[np.integer[Any]] | None = None
     coils: tuple[Wire, ...] = ()
+    beams: tuple[Beam, ...] = ()
     size: tuple[int, int] = SIZE
     fov: float = FOV
     modalities: frozenset[str] = field(default=MODALITIES)
@@ -118,6 +120,9 @@ class Footage:
         for name, (array, shape) in wanted.items():
             if array is not None and array.shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
+        for beam in self.beams:
+            if len(beam.points) != frames:
+                raise ValueError(f"a beam must have {frames} paths, got {len(beam.points)}")
         for view in self.views:
             if view.poses.shape not in ((4, 4), (frames, 4, 4)):
                 raise ValueError(f"view {view.name!r} must be (4, 4) or ({frames}, 4, 4), got {view.poses.shape}")
@@ -132,6 +137,7 @@ class Footage:
             self.qpos[frame],
             None if self.mocap_pos is None else self.mocap_pos[frame],
             None if self.mocap_quat is None else self.mocap_quat[frame],
+            [beam.at(frame) for beam in self.beams],
         )
 
     def raster(self, size: tuple[int, int], **quality: int) -> Raster:

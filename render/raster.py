@@ -176,6 +176,46 @@ Wire: TypeAlias = Coil | Cord
 """What is drawn in place of a tendon."""
 
 
+SPOT = 2.5
+"""Where a beam ends, a spot this many times as wide as the beam is lit up."""
+
+ROOM_FOR_BEAMS = 4096
+"""Pieces of beams that are drawn, at most."""
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A ray of light over time: drawn in colour alone, glowing, without a shadow.
+
+    Args:
+        points: (T, N, 3) corners of its path at every frame [m]; NaN after its end.
+        radius: as it is drawn [m].
+        rgba: colour, four numbers from 0 to 1.
+    """
+
+    points: NDArray[np.float64]
+    radius: float
+    rgba: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 3 or self.points.shape[2] != 3 or not self.radius > 0:
+            raise ValueError(f"a beam needs (T, N, 3) points and radius > 0, got {self.points.shape}, {self.radius}")
+
+    def at(self, frame: int) -> Line:
+        """What of it is there at a frame."""
+        path = self.points[frame]
+        return Line(path[np.isfinite(path[:, 0])], self.radius, self.rgba)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A beam in one picture: corners (N, 3) [m], radius [m], colour."""
+
+    points: NDArray[np.float64]
+    radius: float
+    rgba: tuple[float, float, float, float]
+
+
 class Raster:
     """Draws one model; owns a copy of it, its pose, and two OpenGL contexts' worth of buffers.
 
@@ -224,6 +264,8 @@ class Raster:
         self._groups = self._model.geom_group.copy()
         self._data = mujoco.MjData(self._model)
         self._wires: list[tuple[Wire, NDArray[np.float64]]] = []
+        self._lines: tuple[Line, ...] = ()
+        self._lit = True
         self._hidden_coils: frozenset[int] = frozenset()
         self._moving = moving_geoms(model)
         self._reach: NDArray[np.float64] | None = None
@@ -234,7 +276,7 @@ class Raster:
         suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
         self._colour = self._buffers(samples, suited if shadow is None else shadow)
         self._matter = self._buffers(0, 0)
-        room = model.ngeom + segments + 64 * model.ntendon + 1000
+        room = model.ngeom + segments + 64 * model.ntendon + 1000 + ROOM_FOR_BEAMS
         self._colour_scene, self._matter_scene = (mujoco.MjvScene(self._model, maxgeom=room) for _ in range(2))
         flags = self._matter_scene.flags
         flags[:] = 0
@@ -251,8 +293,15 @@ class Raster:
         self._lut: NDArray[np.uint8] | None = None
         self.pose(self._data.qpos)
 
-    def pose(self, qpos: ArrayLike, mocap_pos: ArrayLike | None = None, mocap_quat: ArrayLike | None = None) -> None:
-        """Move the model: `qpos` (nq,), and where it has mocap bodies `mocap_pos` (nmocap, 3) and `mocap_quat`."""
+    def pose(
+        self,
+        qpos: ArrayLike,
+        mocap_pos: ArrayLike | None = None,
+        mocap_quat: ArrayLike | None = None,
+        lines: Collection[Line] = (),
+    ) -> None:
+        """Move the model: `qpos` (nq,), where it has mocap bodies `mocap_pos` (nmocap, 3) and `mocap_quat`; `lines`:
+        the beams of this moment."""
         model, data = self._model, self._data
         data.qpos[:] = qpos
         if mocap_pos is not None:
@@ -268,6 +317,7 @@ class Raster:
             (coil, coil.wind(data.site_xpos[first], data.site_xpos[last]))
             for coil, (first, last) in zip(self.coils, self._ends, strict=True)
         ]
+        self._lines = tuple(line for line in lines if len(line.points) > 1)
         self._lut = self._reach = None
 
     def colour(self, pose: ArrayLike, window: Window | None = None) -> NDArray[np.uint8]:
@@ -304,10 +354,12 @@ class Raster:
             wanted = list(ids)
             coils = [coil for coil in self.coils if coil.segmentation in ids]
             self._show(np.isin(self._ids, wanted), np.isin(self._tendon_ids, wanted), coils)
+        self._lit = ids is None
 
     def show_static(self) -> None:
         """Hide all that can move, in every later picture, until `show_only(None)`."""
         self._show(~self._moving, np.zeros(len(self._tendon_ids), bool), ())
+        self._lit = False
 
     def separable(self) -> bool:
         """Whether what moves changes the picture only where it is and where its shadow can fall.
@@ -416,6 +468,9 @@ class Raster:
         for coil, wire in self._wires:
             if coil.tendon not in self._hidden_coils:
                 _draw_wire(scene, self._slots[id(scene)], coil, wire)
+        if scene is self._colour_scene and self._lit:
+            for line in self._lines:
+                _draw_line(scene, self._slots[id(scene)], line)
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
         rect = mujoco.MjrRect(0, 0, width, height)
@@ -449,7 +504,8 @@ class Raster:
             bodies + np.maximum(bodies[:, 2:] - lowest, 0) / -way[2] * way
             for way in data.light_xdir[model.light_castshadow.astype(bool)]
         ]
-        return np.concatenate([bodies, *shadows])
+        glows = [line.points + side * SPOT * line.radius for line in self._lines for side in (-1, 1)]
+        return np.concatenate([bodies, *shadows, *glows])
 
     def _ids_by_colour(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
         """Table from the colour of the identity pass, one more than the scene's geom index, to segmentation id."""
@@ -586,5 +642,20 @@ def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Wire, 
         mujoco.mjv_connector(geom, shape, coil.wire, start, end)
         geom.category, geom.objtype, geom.objid = mujoco.mjtCatBit.mjCAT_DECOR, mujoco.mjtObj.mjOBJ_UNKNOWN, -1
         geom.specular, geom.shininess = (0.6, 0.6) if isinstance(coil, Coil) else (0.1, 0.1)
+        geom.segid = scene.ngeom
+        scene.ngeom += 1
+
+
+def _draw_line(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], line: Line) -> None:
+    colour, shape, spot = np.array(line.rgba, np.float32), mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE
+    pieces = list(pairwise(line.points))[: min(ROOM_FOR_BEAMS, len(slots) - scene.ngeom - 1)]
+    for start, end in [*pieces, (line.points[-1], None)]:
+        geom = slots[scene.ngeom]
+        size, place = np.full(3, SPOT * line.radius), np.array(line.points[-1], np.float64)
+        mujoco.mjv_initGeom(geom, spot if end is None else shape, size, place, np.eye(3).ravel(), colour)
+        if end is not None:
+            mujoco.mjv_connector(geom, shape, line.radius, start, end)
+        geom.category, geom.objtype, geom.objid = mujoco.mjtCatBit.mjCAT_DECOR, mujoco.mjtObj.mjOBJ_UNKNOWN, -1
+        geom.emission, geom.specular = 1.0, 0.0
         geom.segid = scene.ngeom
         scene.ngeom += 1
