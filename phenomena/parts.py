@@ -95,11 +95,16 @@ class Seesaw:
         return Rider(mass, half, x, half + self.half_thickness - self.pivot, 2 / 3 * mass * half**2)
 
     def lying(self, side: int) -> float:
-        """Tilt with the end at +x (side 1) or -x (side -1) on the ground [rad]; Refusal if it cannot come there."""
+        """Tilt with the end at +x (side 1) or -x (side -1) on the ground [rad].
+
+        Refusal where it is so steep that friction could wedge that end between axle and ground (P. Painlevé, 1895): by
+        Newton's law of restitution no impulses exist, if μ times the height of the axle exceeds its distance from it.
+        """
         arm, below = self.length / 2 - side * self.offset, self.half_thickness + self.pivot
-        if hypot(arm, below) < 1.05 * self.axle:
-            raise Refusal("R12", f"an axle {self.axle:.3g} m over the ground: that end of the plank cannot "
-                          f"come down to it; allowed: {hypot(arm, below) / 1.05:.4g} m")  # fmt: skip
+        highest = 0.74 * hypot(arm, below)
+        if self.axle > highest:
+            raise Refusal("R12", f"an axle {self.axle:.4g} m over the ground: an end of the plank could be wedged; "
+                          f"allowed here: {highest:.4g} m")  # fmt: skip
         return -side * (asin(self.axle / hypot(arm, below)) - atan2(below, arm))
 
     def moments(self, riders: Sequence[Rider]) -> tuple[float, float, float]:
