@@ -384,13 +384,13 @@ def _interfaces(
 ) -> tuple[tuple[Interface, ...], list[list[tuple[Array, float]]]]:
     """Where chunks meet, and the planes (outward normal, offset) of the faces with which each meets others."""
     found = []
-    faces = [_faces(whole) for whole in wholes]
+    surfaces = [faces(whole) for whole in wholes]
     met: list[set[int]] = [set() for _ in wholes]
     boxes = [(whole.vertices.min(axis=0) - GAP, whole.vertices.max(axis=0) + GAP) for whole in wholes]
     for i, j in combinations(range(len(wholes)), 2):
         if (boxes[i][0] > boxes[j][1]).any() or (boxes[j][0] > boxes[i][1]).any():
             continue
-        (normals, offsets, mine), (others, their_offsets, theirs) = faces[i], faces[j]
+        (normals, offsets, mine), (others, their_offsets, theirs) = surfaces[i], surfaces[j]
         size = max(1e-3, float(np.ptp(wholes[i].vertices, axis=0).max()))
         facing = (normals @ others.T < -1 + 1e-9) & (np.abs(offsets[:, None] + their_offsets) < 1e-7 * size)
         for a, b in np.argwhere(facing):
@@ -402,7 +402,7 @@ def _interfaces(
                 place = centre @ axes + offsets[a] * normals[a]
                 depth = next(k for k, (p, q) in enumerate(zip(paths[i], paths[j], strict=True)) if p != q)
                 found.append(Interface(i, j, depth, area, _vector(place), _vector(normals[a]), modulus / area))
-    planes = [[(faces[i][0][a], float(faces[i][1][a])) for a in sorted(met[i])] for i in range(len(wholes))]
+    planes = [[(surfaces[i][0][a], float(surfaces[i][1][a])) for a in sorted(met[i])] for i in range(len(wholes))]
     return tuple(found), planes
 
 
@@ -411,7 +411,7 @@ def _vector(array: Array) -> Vector:
     return x, y, z
 
 
-def _faces(solid: Solid) -> tuple[Array, Array, list[Array]]:
+def faces(solid: Solid) -> tuple[Array, Array, list[Array]]:
     """The plane faces of a convex solid: outward normals (n, 3), offsets (n,), and corners (k, 3), counter-clockwise
     seen from outside."""
     corners = solid.vertices[solid.faces]
@@ -486,6 +486,22 @@ def welds(name: str, fracture: Fracture) -> list[str]:
 
 def _number(fracture: Fracture, i: int) -> str:
     return f"{i:0{max(2, len(str(len(fracture.chunks) - 1)))}d}"
+
+
+def rim(fracture: Fracture, normal: Vector, offset: float) -> list[Interface]:
+    """Where chunks meet the plane n·r = offset, their solid's edge, with what is beyond it; `second` is -1.
+
+    normal: outward unit vector; in the solid's axes [m].
+    """
+    found = []
+    for i, chunk in enumerate(fracture.chunks):
+        normals, offsets, polygons = faces(chunk.whole)
+        for n, here, polygon in zip(normals, offsets, polygons, strict=True):
+            if n @ normal > 1 - 1e-9 and abs(here - offset) < 1e-7:
+                area, centre, modulus = _section(polygon @ _axes(n).T)
+                place = _vector(centre @ _axes(n) + here * n)
+                found.append(Interface(i, -1, 0, area, place, _vector(n), modulus / area))
+    return found
 
 
 def holding(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
