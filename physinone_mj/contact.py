@@ -310,38 +310,45 @@ def _drift(
     """What the turning of the rows has made of the same velocities since the last step: J v - J_before v.
 
     Of the contacts of two geoms the mean is taken, as a vector of the world: a shift of one against the other, which
-    all of them can follow together; what is left is of the next order, and would set them against each other.
+    all of them can follow together; what is left is of the next order, and would set them against each other. Geoms
+    that touched otherwise before are left out; the rest does not mind them.
     """
-    n = geom.shape[0]
-    for i in range(n):
-        if geom[i, 0] != before_geom[i, 0] or geom[i, 1] != before_geom[i, 1] or dim[i] != before_dim[i]:
-            return
-        if address[i] != before_address[i]:
-            return
-        along = 0.0
-        for k in range(3):
-            along += frame[i, k] * before_frame[i, k]
-        if along < 0.9:
-            return
+    n, m = geom.shape[0], before_geom.shape[0]
     mean = np.zeros(3)
     i = 0
     while i < n:
         stop = i
-        mean[:] = 0.0
-        count = 0
         while stop < n and geom[stop, 0] == geom[i, 0] and geom[stop, 1] == geom[i, 1]:
-            if address[stop] >= 0:
-                count += 1
-                for j in range(min(dim[stop], 3)):
-                    now, then = velocity[address[stop] + j], before[address[stop] + j]
-                    for k in range(3):
-                        mean[k] += now * frame[stop, 3 * j + k] - then * before_frame[stop, 3 * j + k]
             stop += 1
+        then = 0
+        while then < m and (before_geom[then, 0] != geom[i, 0] or before_geom[then, 1] != geom[i, 1]):
+            then += 1
+        last = then
+        while last < m and before_geom[last, 0] == geom[i, 0] and before_geom[last, 1] == geom[i, 1]:
+            last += 1
+        same = last - then == stop - i
+        count = 0
+        mean[:] = 0.0
         for c in range(i, stop):
-            if address[c] >= 0:
+            if not same:
+                break
+            b = then + c - i
+            along = 0.0
+            for k in range(3):
+                along += frame[c, k] * before_frame[b, k]
+            same = dim[c] == before_dim[b] and (address[c] < 0) == (before_address[b] < 0) and along >= 0.9
+            if same and address[c] >= 0:
+                count += 1
                 for j in range(min(dim[c], 3)):
+                    v, v_before = velocity[address[c] + j], before[before_address[b] + j]
                     for k in range(3):
-                        drift[address[c] + j] += mean[k] / count * frame[c, 3 * j + k]
+                        mean[k] += v * frame[c, 3 * j + k] - v_before * before_frame[b, 3 * j + k]
+        if same and count:
+            for c in range(i, stop):
+                if address[c] >= 0:
+                    for j in range(min(dim[c], 3)):
+                        for k in range(3):
+                            drift[address[c] + j] += mean[k] / count * frame[c, 3 * j + k]
         i = stop
 
 
@@ -727,7 +734,7 @@ class Solver:
         mujoco.mj_fwdVelocity(model, data)
         c = data.contact
         self._before = _Before(c.geom.copy(), c.efc_address.copy(), c.dim.copy(), c.frame.copy(), data.efc_type.copy(),
-                               data.efc_id.copy(), data.efc_vel.copy())  # fmt: skip
+                               data.efc_id.copy(), data.efc_vel.copy(), dt)  # fmt: skip
         data.qpos[:] = place
 
     def remember(self) -> tuple[Any, ...]:
@@ -746,7 +753,7 @@ class Solver:
         reference, force, regulariser, velocity = data.efc_aref, data.efc_force, data.efc_R, data.efc_vel
         target, drift = np.empty(data.nefc), np.zeros(data.nefc)
         now = _Before(c.geom.copy(), address.copy(), dim.copy(), c.frame.copy(), data.efc_type.copy(),
-                      data.efc_id.copy(), velocity)  # fmt: skip
+                      data.efc_id.copy(), velocity, 0.0 if impact else dt)  # fmt: skip
         if not impact and self._before is not None:
             now.drift(self._before, self._turns, drift)
         _aim(
@@ -797,7 +804,7 @@ class Solver:
 
 @dataclass
 class _Before:
-    """The rows of a step and the velocity along each at its end."""
+    """The rows of the middle of a step (of no length: an impact) and the velocity along each at its end."""
 
     geom: NDArray[np.int32]
     address: NDArray[np.int32]
@@ -806,10 +813,11 @@ class _Before:
     kind: NDArray[np.int32]
     number: NDArray[np.int32]
     velocity: Array
+    dt: float
 
     def drift(self, before: _Before, turns: NDArray[np.bool_], drift: Array) -> None:
         """J̇ v × the step of every row: what the turning of the rows has made of unchanged velocities."""
-        if len(self.geom) and len(self.geom) == len(before.geom) and len(self.kind) == len(before.kind):
+        if len(self.geom) and len(before.geom):
             _drift(
                 self.geom, self.address, self.dim, self.frame, self.velocity,
                 before.geom, before.address, before.dim, before.frame, before.velocity, drift,
@@ -818,6 +826,8 @@ class _Before:
         if len(mine) and np.array_equal(self.number[mine], before.number[its]):
             held = (self.kind[mine] >= _LIMIT_JOINT) | ((self.kind[mine] == _EQUALITY) & turns[self.number[mine]])
             drift[mine[held]] = self.velocity[mine[held]] - before.velocity[its[held]]
+        # the rows are those of the middles of two pieces, which may differ in length
+        drift *= 2 * self.dt / (self.dt + before.dt)
 
 
 class _Cup:
