@@ -233,8 +233,8 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
         inertia, along, out = there.seesaw.moments(there.riders)
         return 2 * when[0], 4 * sqrt(inertia / (g * np.hypot(along, out))) * ellipk(np.sin(atan(along / out) / 2) ** 2)
 
-    @law("tan θ = δm d/(M h)", source="Euler, Theoria motus corporum solidorum (1765): the balance; Mach, Mechanics, "
-         "ch. I §1", within=(1e-4, 1e-5, 1e-6))  # fmt: skip
+    @law("tan θ = δm d/(M h)", source="Landau & Lifshitz, Mechanics, §34 eq. 34.3, with no torque in equilibrium",
+         within=(1e-4, 1e-5, 1e-6))  # fmt: skip
     def a_hanging_seesaw_comes_to_a_tilt(self, run: Run) -> Measurement:
         """28c: tangent of the tilt midway between the turning points, from level up and back (the same twin)."""
         there, twin = self.hung(run)
@@ -245,8 +245,8 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
         _, _, out = there.seesaw.moments(there.riders)
         return np.tan((tilt[0] + highest[0]) / 2), there.weight * there.third.x / out
 
-    @law("ω = m √(2 g H) d/(I + m d² + m₂ d₂²), v₂ = ω d₂", source="Euler, Theoria motus corporum solidorum (1765); "
-         "Routh, Dynamics of a System of Rigid Bodies I, §§169-171: plastic impact", within=(3e-3, 2e-3, 1e-3),
+    @law("ω = m √(2 g H) d/(I + m d² + m₂ d₂²), v₂ = ω d₂", source="Routh, Dynamics of a System of Rigid "
+         "Bodies I, §§169-171: plastic impact", within=(3e-3, 2e-3, 1e-3),
          limited_by="the loads may begin to slip at once: the velocity is read over the first 50 ms")  # fmt: skip
     def a_dropped_weight_launches_the_other_load(self, run: Run) -> Measurement:
         """28d: angular velocity of the plank and upward velocity of the lighter load right after the third weight has

@@ -183,8 +183,8 @@ class LinCarryInertia(Phenomenon, domain="mechanics"):
             changes |= {"stack": 1, "slender": 0.5}
         return self.staged(run, **changes)
 
-    @law("a = μ g", source="Coulomb, Théorie des machines simples (1785); Kleppner & Kolenkow, An Introduction to "
-         "Mechanics, 2nd ed., §3.4", within=(1e-3, 1e-3, 1e-3), limited_by="the width of the bracket")  # fmt: skip
+    @law("a = μ g", source="Coulomb, Théorie des machines simples (1785); Feynman, Lectures I, §12-2",
+         within=(1e-3, 1e-3, 1e-3), limited_by="the width of the bracket")  # fmt: skip
     def the_load_rides_along_up_to_a_thrust(self, run: Run) -> Measurement:
         """43a: thrust over mass up to which the load does not move on the tray by so much as a micrometre."""
         critical = self.friction * g
@@ -225,7 +225,7 @@ class LinCarryInertia(Phenomenon, domain="mechanics"):
             raise NotEvaluated("the tray has not come to the stop")
         return there.slip(twin)[-1], there.thrust * there.way / (there.friction * g)
 
-    @law("a = g b/h, if μ > b/h", source="Routh, Dynamics of a System of Rigid Bodies I, §111 (toppling)",
+    @law("a = g b/h, if μ > b/h", source="Goldstein, Classical Mechanics, §1.4: d'Alembert's principle, about the edge",
          within=(1e-3, 1e-3, 1e-3), limited_by="the width of the bracket")  # fmt: skip
     def a_tall_load_topples_first(self, run: Run) -> Measurement:
         """43e: thrust over mass at which a rough block, h high and b wide, tips over its rear edge."""
