@@ -196,7 +196,7 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
         still = between(level.t, -1.0, WATCHED)
         return [found / self.heavy_arm, np.abs(level.joint(HINGE)[still]).max()], [1.0, 0.0]
 
-    @law("I θ̈ = g [Σ mᵢ xᵢ cos θ - Σ mᵢ zᵢ sin θ] = -∂V/∂θ", within=(1e-4, 1e-5, 1e-6),
+    @law("I θ̈ = -g [Σ mᵢ xᵢ cos θ - Σ mᵢ zᵢ sin θ] = -∂V/∂θ", within=(1e-4, 1e-5, 1e-6),
          source="Landau & Lifshitz, Mechanics, §34 eq. 34.3; Goldstein, Classical Mechanics, §1.2")  # fmt: skip
     def heights_count_at_a_tilt(self, run: Run) -> Measurement:
         """28a: acceleration of the seesaw let go at 10°, its loads in balance when level (a twin)."""
