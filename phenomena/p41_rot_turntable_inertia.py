@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phenomena.spins import Course, across, distance, drift, plan
-from phenomena.turntables import HINGE, TOP, Slide, arena, block, carry, slip_spin, slip_time, turntable
+from phenomena.turntables import HINGE, TOP, Slide, arena, block, carry, critical_spin, slip_time, turntable
 from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
-from physinone_mj.measure import between, threshold
+from physinone_mj.measure import between
 from physinone_mj.run import Run
 from physinone_mj.scene import Part, Scene, free_pose
 
@@ -32,13 +32,6 @@ TARGET: Final = (0.06, 0.06, 0.14)
 
 RELEASE: Final = 1.0
 """When the latch lets go [s]."""
-
-SLOW: Final = 0.05
-"""Tangential acceleration at which the slip is bracketed, in units of the greatest that friction gives."""
-
-MARGIN: Final = 2e-3
-"""The block must stay on a table speeding up to a spin this much below the critical one, and leave it on one speeding
-up to as much above (of the spin)."""
 
 LIP: Final = 0.012
 LIP_PARTS: Final = 24
@@ -222,21 +215,7 @@ class RotTurntableInertia(Phenomenon, domain="mechanics", label="RotTurnableIner
          within=(2.1e-3, 2.1e-3, 2.1e-3), limited_by="a bracket: it stays at -0.2 %, goes at +0.2 %")  # fmt: skip
     def block_slips_at_the_critical_spin(self, run: Run) -> Measurement:
         """41a: on twins that speed up slowly, a little less and a little more than friction can follow."""
-        low, high = (getattr(self.declarations()["rate"][0], end) for end in ("low", "high"))
-        holds = self.friction * g / self.radius
-        rate = min(max(SLOW * holds, low), high)
-        spin = slip_spin(self.friction, self.radius, rate)
-        if rate > 0.08 * holds or not 0.6 < spin < 8.0:
-            raise NotEvaluated(
-                f"the critical spin is {spin:.3g} rad/s; the table can be taken slowly to 0.6 to 8 rad/s"
-            )
-
-        def goes(top: float) -> bool:
-            twin = run.again(release="speeding", target="none", edge="plain", first=0.95 * spin, rate=rate, top=top)
-            r = distance(twin, BODY)
-            return bool(r.max() > r[0] * 1.001)
-
-        return threshold(goes, spin, spread=MARGIN, resolution=2 * MARGIN), spin
+        return critical_spin(run, BODY, self.friction, self.radius, release="speeding", target="none", edge="plain")
 
     @law("ẍ = -g ẑ", source="Galilei, Discorsi (1638), fourth day, theorem 1", within=(1e-10, 1e-11, 1e-11))
     def falls_on_a_parabola(self, run: Run) -> Measurement:

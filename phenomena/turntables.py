@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, hypot, inf, pi, sin
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phenomena.parts import court
-from phenomena.spins import Course, across, drift
+from phenomena.spins import Course, across, distance, drift
 from physinone_mj.base import NotEvaluated
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
-from physinone_mj.measure import between
+from physinone_mj.measure import between, threshold
 from physinone_mj.run import Run
 from physinone_mj.scene import Part, Scene, free_pose
 
@@ -38,6 +38,13 @@ FLOOR: Final = Surface(friction=0.4, restitution=0.2)
 
 SEEN: Final = 2e-4
 """Slip that is more than a creep [m/s]."""
+
+SLOW: Final = 0.05
+"""Tangential acceleration at which the slip is bracketed, in units of the greatest that friction gives."""
+
+MARGIN: Final = 2e-3
+"""A block must stay on a table speeding up slowly to a spin this much below the critical one, and leave it on one
+speeding up to as much above (of the spin)."""
 
 _STILL: Final = 1e-7
 """Slip at which friction takes the direction that it is going to have [m/s]."""
@@ -171,3 +178,24 @@ def onset(run: Run, body: str, *, reach: float = 0.15) -> float:
     t = run.t[some]
     roots = np.roots(np.polyfit(t - t[0], np.sqrt(speed[some]), 2))
     return float(t[0] + roots[np.argmin(np.abs(roots))].real)
+
+
+def critical_spin(run: Run, body: str, friction: float, radius: float, **alone: Any) -> tuple[float, float]:
+    """Spin up to which a block stays on a table that speeds up slowly: measured between two twins, `MARGIN` of the
+    spin below and above, and expected [rad/s]. The phenomenon has parameters first, rate and top.
+
+    alone: parameters of twins that carry nothing else. NotEvaluated if the twins are out of the phenomenon's range.
+    """
+    declared = run.specimen.declarations()
+    holds = friction * g / radius
+    rate = min(max(SLOW * holds, declared["rate"][0].low), declared["rate"][0].high)
+    spin = slip_spin(friction, radius, rate)
+    low, high = declared["top"][0].low, declared["first"][0].high
+    if rate > 0.08 * holds or not low * 1.01 < spin < high:
+        raise NotEvaluated(f"the critical spin is {spin:.3g} rad/s; slowly the table reaches {low:g} to {high:g} rad/s")
+
+    def goes(top: float) -> bool:
+        r = distance(run.again(first=0.95 * spin, rate=rate, top=top, **alone), body)
+        return bool(r.max() > r[0] * 1.001)
+
+    return threshold(goes, spin, spread=MARGIN, resolution=2 * MARGIN), spin
