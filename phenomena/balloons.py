@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import acosh, exp, inf, log, pi, sqrt
+from math import acosh, exp, inf, log, nan, pi, sqrt
 from typing import Final
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
 
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
@@ -109,6 +111,23 @@ class Balloon:
         for matter in ("balloon", "skin"):
             scene.material(part.name(matter), self.mass / self.volume, RUBBER)
         return part, Float(part.name("centre"), self.volume, self.drag_area)
+
+
+def rise(t: NDArray[np.float64], z: NDArray[np.float64]) -> tuple[float, float]:
+    """Final speed v_t [m/s] and time constant τ [s] of a rise from rest: the fit of v_t τ ln cosh(t/τ) to heights.
+
+    NaN, which fails any law, if it does not rise.
+    """
+    if z[-1] <= 0:
+        return nan, nan
+
+    def miss(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        u = t / p[1]
+        return np.asarray((p[0] * p[1] * (u + np.log1p(np.exp(-2 * u)) - log(2)) - z) / z[-1])
+
+    guess = np.array([2 * abs(z[-1] - z[-5]) / (t[-1] - t[-5]), t[-1]])
+    found = least_squares(miss, guess, x_scale=guess, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    return float(found[0]), float(found[1])
 
 
 def tie(scene: Scene, name: str, knot: str, eye: str, length: float, owner: str) -> None:

@@ -7,7 +7,6 @@ from typing import Annotated, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
@@ -16,7 +15,7 @@ from physinone_mj.measure import between, fit, threshold
 from physinone_mj.run import Run
 from physinone_mj.scene import Coil, Scene
 
-from .balloons import RUBBER, Balloon
+from .balloons import RUBBER, Balloon, rise
 
 Array = NDArray[np.float64]
 
@@ -76,12 +75,12 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
             least = (self.skin / (4 / 3 * pi * (self.air - self.gas))) ** (1 / 3) if self.air > self.gas else np.inf
             raise Refusal("R12", f"radius = {r:.3g} m: {1e3 * balloon.mass:.3g} g in air of {self.air:.3g} kg/m³ sinks "
                           f"(lift {balloon.lift:.2g} N); allowed here: {least:.3g} m or more")  # fmt: skip
-        rise = balloon.time_to(self.way)
+        rising = balloon.time_to(self.way)
         if self.ceiling == "inclined" and not self.hovers:
-            rise += balloon.time_to(RAMP, sin(self.tilt), self.rolling)
-        if rise > 8.0 and not self.hovers:
-            raise Refusal("R12", f"radius = {r:.3g} m: lift of {balloon.lift:.2g} N takes {rise:.3g} s; allowed: 8 s: "
-                          f"a larger balloon or lighter skin and gas")  # fmt: skip
+            rising += balloon.time_to(RAMP, sin(self.tilt), self.rolling)
+        if rising > 8.0 and not self.hovers:
+            raise Refusal("R12", f"radius = {r:.3g} m: lift of {balloon.lift:.2g} N takes {rising:.3g} s; allowed: "
+                          f"8 s: a larger balloon, or lighter skin and gas")  # fmt: skip
         part, buoyant = balloon.put(scene, "balloon", (0.0, 0.0, START + r), (0.84, 0.27, 0.22))
         scene.effects.append(Buoyancy((buoyant,), self.air))
         cup = scene.add("cup")
@@ -102,7 +101,7 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
             self._scale(scene)
             quick, settling = quick / 2, 1.0 + 2 * quick
         # bounces end within twice the time to terminal speed, or so
-        scene.resolve(time=quick, length=r, duration=min(max(rise + 2 * balloon.pace() + settling, 4.0), 10.0))
+        scene.resolve(time=quick, length=r, duration=min(max(rising + 2 * balloon.pace() + settling, 4.0), 10.0))
 
     def _roof(self, scene: Scene) -> None:
         """Level over the cup, or rising along x to a board that stops the balloon."""
@@ -198,16 +197,8 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
     def lift_and_drag_come_to_balance(self, run: Run) -> Measurement:
         """30a: final speed and time constant, from the fit of v_t τ ln cosh(t/τ) to the recorded heights."""
         _, t, z = self.flight(run)
-        if z[-1] <= 0:
-            return np.nan, 1.0  # it does not rise
-
-        def miss(p: Array) -> Array:
-            u = t / p[1]
-            return np.asarray((p[0] * p[1] * (u + np.log1p(np.exp(-2 * u)) - np.log(2)) - z) / z[-1])
-
-        guess = np.array([2 * (z[-1] - z[-5]) / (t[-1] - t[-5]), t[-1]])
-        found = least_squares(miss, guess, x_scale=guess, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
-        return found / [self.balloon.terminal(), self.balloon.pace()], [1.0, 1.0]
+        speed, pace = rise(t, z)
+        return [speed / self.balloon.terminal(), pace / self.balloon.pace()], [1.0, 1.0]
 
     @law(
         "z = v_t τ ln cosh(t/τ), v = v_t tanh(t/τ)",
