@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, ceil, cos, pi, sin, sqrt
+from math import asin, ceil, cos, floor, log10, pi, sin, sqrt
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -177,7 +177,7 @@ class UniformPanelSpin(NearPillar, domain="mechanics"):
         """Seats that are let go away from steady rotation and come to it, damped so that they soon do (a twin, if need
         be)."""
         best = min(3.0, 0.9 * self.carousel.rate(self.speed))
-        slow = {} if 0.7 * best < self.settling <= best else {"settling": best}
+        slow = {} if 0.7 * best < self.settling <= best else {"settling": max(floor(5 * best) / 5, 0.2)}
         away = {} if self.release < 0.8 else {"release": 0.5}
         return self.staged(run, near="seats", drive="prescribed", **slow, **away)
 
@@ -222,10 +222,10 @@ class UniformPanelSpin(NearPillar, domain="mechanics"):
          limited_by="the instant of an impact is located to a nanometre")  # fmt: skip
     def a_limited_motor_gives_way_and_recovers(self, run: Run) -> Measurement:
         """15d: angular velocity lost to the first ball, and the rate at which the motor makes up for it, over what they
-        should be (a twin with heavy balls and a torque that takes a fifth of a second)."""
+        should be (a twin with heavy balls and a torque that takes about a fifth of a second)."""
         heavy = sphere_mass(self.radius, max(self.density, 7800.0))
         lost = (1 + self.restitution) * self.speed * self.lever**2 / (self.inertia / heavy + self.lever**2)
-        torque = min(max(self.inertia * lost / 0.2, 0.01), 50.0)
+        torque = min(max(10 ** round(log10(self.inertia * lost / 0.2), 1), 0.01), 50.0)
         there, twin = self.staged(
             run, near="balls", drive="limited", torque=torque, density=max(self.density, 7800.0), floor_friction=0.0
         )
