@@ -316,8 +316,8 @@ class BlockWallCollapse(Phenomenon, domain="mechanics"):
             return (
                 f"A wooden block {self.slenderness:.1f} times as high as wide stands on a plank tilted by "
                 f"{180 / pi * self.tilt:.0f} degrees, with a coefficient of friction of {self.friction:.2f}. It "
-                f"topples once the tangent of the tilt exceeds width over height, and slides once it exceeds the friction, "
-                f"whichever comes first. This one {gone}."
+                f"topples once the tangent of the tilt exceeds width over height, and slides once it exceeds the "
+                f"friction, whichever comes first. This one {gone}."
             )
         ball_ = f"a ball of {self.weight * self.mass:.2g} kg at {self.speed:.1f} m/s"
         if self.layout == "block":
