@@ -18,7 +18,7 @@ unexport MUJOCO_GL PYOPENGL_PLATFORM PYTHONPATH PYTHONHOME
 export LP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test study lint bench clean graphics
+.PHONY: help demo test study laws lint bench clean graphics
 
 # Installs Debian packages if this user may, otherwise prints the line to type and fails.
 define apt
@@ -41,6 +41,9 @@ test: $(READY) graphics  ## set up, then run the test suite, one process per cor
 
 study: $(READY) graphics  ## the long tests: reference fidelity, installation into an empty environment
 	$(BIN)/pytest -q -n auto --dist worksteal -m slow
+
+laws: $(READY)  ## docs/laws.md: every law at reference fidelity, measured (an hour)
+	$(BIN)/physinone check --fidelity reference --report docs/laws.md
 
 lint: $(READY)  ## ruff and mypy
 	$(BIN)/ruff check .

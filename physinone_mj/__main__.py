@@ -245,14 +245,18 @@ def check(
     assignments: Set = None,
     fidelity: FidelityName = "standard",
     as_json: Json = False,
+    report: Annotated[Path | None, typer.Option(help="Also write the table as Markdown to this file.")] = None,
 ) -> None:
     """Simulate and hold every law against what happened; exit code 1 if one fails."""
     from .checks import judge_all
+    from .checks import report as page
     from .registry import entries, phenomenon
 
     meant = chosen(which) if which else list(entries())
     preset = fidelity_named(fidelity)
     tasks = []
+    if report and not report.parent.is_dir():
+        raise BadInput(f"--report {report}: no folder {report.parent}; allowed: a file in a folder that exists")
     for entry in meant:
         values: dict[str, Any] = {}
         if assignments:
@@ -264,6 +268,8 @@ def check(
     for laws, line in judge_all(tasks, [f"{entry.index} {entry.label}" for entry in meant]):
         records += laws
         missing += [line] if line else []
+    if report:
+        report.write_text(page(records, missing), encoding="utf-8")
     if as_json:
         say_json(records)
     else:

@@ -366,6 +366,19 @@ def test_check(physinone: Any) -> None:
     assert "nothing known" in text.out
 
 
+def test_check_writes_a_report(physinone: Any, tmp_path: Path) -> None:
+    page = tmp_path / "laws.md"
+    assert physinone("check", INDEX, "--fidelity", "draft", "--report", page).code == 0
+    text = page.read_text(encoding="utf-8")
+    assert f"{len(LAWS)} of {len(LAWS)} laws passed" in text
+    assert all(f"| {name.replace('_', ' ')} |" in text for name in LAWS)
+    assert "Cost: " in text
+    nowhere = physinone("check", INDEX, "--report", tmp_path / "absent" / "laws.md")
+    assert nowhere.code == 2
+    assert "absent" in nowhere.err
+    assert nowhere.err.count("\n") == 1
+
+
 def test_check_of_several_keeps_the_order(physinone: Any) -> None:
     several = ["SimplePendulum", "VerticalFall"]
     said = physinone("check", *several, "--fidelity", "draft", "--json")
