@@ -437,8 +437,10 @@ def _aim_joints(
             elif v < -cut:
                 target[row] = _OPEN
             else:
-                open_, shut = max(gap[row] - NEAR, 0.0), max(min(gap[row], NEAR) * PUSH_OUT / step, -cut)
-                turned = 0.5 * drift[row] if gap[row] < NEAR else 0.0
+                # a string that swings is taut at mid-step: to a shorter piece it seems slack by what it turns in a step
+                near = NEAR + (abs(drift[row]) * step / (8.0 * dt) * step if drift[row] else 0.0)
+                open_, shut = max(gap[row] - near, 0.0), max(min(gap[row], near) * PUSH_OUT / step, -cut)
+                turned = 0.5 * drift[row] if gap[row] < near else 0.0
                 target[row] = -(v + turned) / dt - 2.0 * (open_ / dt + shut) / dt
 
 
@@ -747,26 +749,37 @@ class Solver:
         del self.impacts[impacts:]
 
     def _solve(self, data: Any, dt: float, *, impact: bool = False, crowded: bool = False) -> None:
-        """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc."""
+        """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc.
+
+        What is jammed between things that do not yield cannot be pushed out of them: then overlaps stay as they are.
+        """
+        if impact or not self._settle(data, dt, self._step, _LONG, crowded=crowded):
+            self._shifts = self._trend = np.empty(0)
+            if not self._settle(data, dt, math.inf, _MAX_SHIFTS, impact=impact, crowded=crowded):
+                raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
+
+    def _settle(
+        self, data: Any, dt: float, step: float, most: int, *, impact: bool = False, crowded: bool = False
+    ) -> bool:
+        """Whether the solution was found; gaps are closed at the pace of one `step`, never if that is infinite."""
         model, c = self._model, data.contact
         address, dim, friction = c.efc_address, c.dim, c.friction
         reference, force, regulariser, velocity = data.efc_aref, data.efc_force, data.efc_R, data.efc_vel
         target, drift = np.empty(data.nefc), np.zeros(data.nefc)
         now = _Before(c.geom.copy(), address.copy(), dim.copy(), c.frame.copy(), data.efc_type.copy(),
                       data.efc_id.copy(), velocity, 0.0 if impact else dt)  # fmt: skip
-        if not impact and self._before is not None:
+        if step < math.inf and self._before is not None:
             now.drift(self._before, self._turns, drift)
         _aim(
             c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, self._restitution,
-            self._kinetic, self._sticking, self._touch, velocity, drift, target, self._cut, dt, self._step, impact,
-            crowded,
+            self._kinetic, self._sticking, self._touch, velocity, drift, target, self._cut, dt, step, impact, crowded,
         )  # fmt: skip
         if len(target):
             for dof, motor in self._motors:
                 self._course[dof] = motor.speed(data.time + (0.0 if impact else dt))
             _aim_joints(
                 data.efc_type, data.efc_id, data.efc_pos, velocity, drift, self._course, data.efc_frictionloss,
-                self._prescribed, target, self._cut, dt, self._step, impact,
+                self._prescribed, target, self._cut, dt, step, impact,
             )  # fmt: skip
         reference[:] = target
         if self._shifts.shape == target.shape and not crowded:
@@ -777,12 +790,12 @@ class Solver:
         nearest, waited, relax = np.inf, 0, 1.0
         many = np.count_nonzero(address >= 0) > _MANY
         nearly = _NEARLY * max(1.0, -float(self._speed.min(initial=0.0)))
-        for solutions in range(1, _MAX_SHIFTS + 1):
+        for solutions in range(1, most + 1):
             mujoco.mj_fwdConstraint(model, data)
             data.qacc_warmstart[:] = data.qacc
             mujoco.mj_mulJacVec(model, data, reached, data.qacc)
             moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax) * dt
-            if moved < _SETTLED or (solutions > _LONG and moved < nearly):
+            if moved < _SETTLED or (solutions >= _LONG and moved < nearly):
                 break
             if many and moved < _AT_FIRST * 10 ** (solutions / 3):
                 break
@@ -794,12 +807,13 @@ class Solver:
                     break
                 waited, relax = 0, relax / 2 if relax > _LEAST_RELAX else 1.0  # it may go round in circles
         else:
-            raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
+            return False
         shifts = reference - target
         self._trend = shifts - self._shifts if self._shifts.shape == shifts.shape else np.empty(0)
         self._shifts = shifts
         now.velocity = velocity + dt * reached
         self._before = now
+        return True
 
 
 @dataclass
