@@ -117,8 +117,8 @@ class ImpactFracture(Phenomenon, domain="mechanics"):
         )  # fmt: skip
         for body in thing:
             scene.touch(body, "stage/floor")
-        rest = 0.3 if self.shape == "column" else 1.4
-        scene.resolve(time=2 * self.fall, length=0.05, duration=self.fall + rest)
+        watched = self.fall + 0.3 if self.shape == "column" else max(2.0, self.fall + 1.4)
+        scene.resolve(time=2 * self.fall, length=0.05, duration=watched)
         if self.event == "clash":
             self._shoot(scene, thing, surface)
         elif self.event == "hang":

@@ -22,8 +22,8 @@ from .parts import ball
 
 Array = NDArray[np.float64]
 
-GLASS: Final = (0.004, 0.2995, 0.3995)
-"""Half sizes of the mirror [m]: thickness, width, height. It has half a millimetre of play in its frame."""
+GLASS: Final = (0.004, 0.297, 0.396)
+"""Half sizes of the mirror [m]: thickness, width, height. It has some millimetres of play in its frame, filled with putty."""
 
 MIDDLE: Final = 0.6
 """Height of its middle above the floor [m]."""
@@ -45,7 +45,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
     """A mirror shatters: the shards scatter the beam that it reflected."""
 
     incidence: Annotated[float, Param("rad", 10 * pi / 180, 70 * pi / 180, "of the beam, from the normal")] = 0.6
-    chunks: Annotated[int, Param("1", 10, 40, "shards that do not break any more")] = 12
+    chunks: Annotated[int, Param("1", 10, 40, "shards that do not break any more")] = 10
     strength: Annotated[float, Param("Pa", 1e2, 1e9, "tension that breaks a bond")] = 1e7
     density: Annotated[float, Param("kg/m³", 2000.0, 8000.0, "glass")] = 2500.0
     mass: Annotated[float, Param("kg", 0.05, 5.0, "ball")] = 0.5
@@ -55,7 +55,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
     above: Annotated[float, Param("m", -0.25, 0.25, "where the ball hits, above the beam's spot")] = 0.05
     friction: Annotated[float, Param("1", 0.0, 0.9, "everything against everything")] = 0.4
     restitution: Annotated[float, Param("1", 0.1, 0.8, "everything against everything")] = 0.3
-    pattern: Annotated[int, Param("1", 0, 9999, "seed of the cracks")] = 0
+    pattern: Annotated[int, Param("1", 0, 9999, "seed of the cracks")] = 1
 
     @property
     def hit(self) -> float:
@@ -83,7 +83,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         scene.material(frame.name("frame"), 700.0, surface)
         shards = place(
             scene, "mirror", self.broken, density=self.density, surface=surface, stress=self.strength,
-            position=(0.0, 0.0, MIDDLE), colour=(0.70, 0.80, 0.88), polish=1.0,
+            position=(0.0, 0.0, MIDDLE), colour=(0.82, 0.91, 0.97), polish=1.0,
         )  # fmt: skip
         for shard, chunk in zip(shards, self.broken.chunks, strict=True):
             scene.mirrors.append(Mirror(shard, (GLASS[0] - float(chunk.whole.centre[0]), 0.0, 0.0), (1.0, 0.0, 0.0)))
@@ -108,7 +108,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
             scene.touch(body, back.name("screen"))
         for shard in shards:
             scene.touch(thrown.name("ball"), shard)
-        scene.resolve(time=0.8, length=self.radius, duration=max(2.0, self.hit + 1.4))
+        scene.resolve(time=0.8, length=self.radius, duration=max(2.0, self.hit + 1.6))
 
     def putty(self) -> list[tuple[str, fracture.Interface]]:
         """The bonds between shards and frame: their names, and where they are."""
