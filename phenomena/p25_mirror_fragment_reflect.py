@@ -23,7 +23,7 @@ from .parts import ball
 Array = NDArray[np.float64]
 
 GLASS: Final = (0.004, 0.297, 0.396)
-"""Half sizes of the mirror [m]: thickness, width, height. It has some millimetres of play in its frame, filled with putty."""
+"""Half sizes of the mirror [m]: thickness, width, height. It has some millimetres of play in its frame, for putty."""
 
 MIDDLE: Final = 0.6
 """Height of its middle above the floor [m]."""

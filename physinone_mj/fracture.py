@@ -79,15 +79,16 @@ class Solid:
             raise Uncuttable(f"a solid whose faces name vertices other than 0 to {len(vertices) - 1}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces.astype(np.int64))
-        fault = self.manifold.status()
-        if fault != Error.NoError or self.manifold.is_empty():
+        manifold = self.manifold
+        fault = manifold.status()
+        if fault != Error.NoError or manifold.is_empty():
             raise Uncuttable(f"a solid that is not watertight (manifold3d: {fault.name})")
         if not self.volume > 1e-9 * np.ptp(vertices, axis=0).max() ** 3:
             raise Uncuttable(f"a solid of volume {self.volume:.3g} m³; allowed: positive (are its faces inside out?)")
 
-    @functools.cached_property
+    @property
     def manifold(self) -> Any:
-        """As manifold3d has it."""
+        """As manifold3d has it; made anew every time, since it complains of those that outlive the interpreter."""
         return Manifold(Mesh64(self.vertices, self.faces.astype(np.uint64)))
 
     @functools.cached_property
