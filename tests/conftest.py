@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -17,9 +18,19 @@ from physinone_mj.run import Run
 from physinone_mj.simulate import simulate
 
 
-@functools.cache
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All tests of one phenomenon go to one process, one after the other, so that they share its runs."""
+    for item in items:
+        found = re.fullmatch(r"test_p(\d\d)\.py", item.path.name)
+        parameters = getattr(item, "callspec", None)
+        index = int(found[1]) if found else parameters.params.get("index") if parameters else None
+        if index is not None:
+            item.add_marker(pytest.mark.xdist_group(f"phenomenon {index}"))
+
+
+@functools.lru_cache(maxsize=9)
 def nominal(index: int, fidelity: Fidelity) -> Run:
-    """The nominal specimen's run, simulated once per process."""
+    """The nominal specimen's run, simulated once per process and kept while its phenomenon is tested."""
     return simulate(phenomenon(index), fidelity=fidelity)
 
 
