@@ -147,7 +147,7 @@ def follow(model: Any, scene: Scene, beam: Beam, qpos: Array) -> Rays:
         way = data.site_xmat[site].reshape(3, 3)[:, 2]
         found.append(
             optics.follow(data, data.site_xpos[site], way, reach=beam.reach, bounces=beam.bounces,
-                          body=int(model.site_bodyid[site]))
+                          body=int(model.site_bodyid[site]) or -1)
         )  # fmt: skip
     most = max(len(ray.geoms) for ray in found)
     points, geoms = np.full((len(found), most + 1, 3), np.nan), np.full((len(found), most), NO_RAY, np.int32)
