@@ -386,7 +386,7 @@ def _aim(
         if impact:
             e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
             target[row] = _OPEN if dist[i] > touch[pair] else -normal - e * min(normal, 0.0)
-        elif speed[i] < -cut:
+        elif speed[i] - 0.5 * drift[row] < -cut:  # the turning of what touches already is no impact
             # about to collide: the impact's business, not this step's, unless there is no time for each of them
             e = restitution[pair] if -normal * restitution[pair] > cut else 0.0
             meets = crowded and dist[i] + 0.5 * normal * dt < 0.0
@@ -434,7 +434,7 @@ def _aim_joints(
         elif kind[row] <= _LIMIT_TENDON:
             if impact:
                 target[row] = _OPEN if gap[row] > TOUCH else -v
-            elif v < -cut:
+            elif v - 0.5 * drift[row] < -cut:
                 target[row] = _OPEN
             else:
                 # a string that swings is taut at mid-step: to a shorter piece it seems slack by what it turns in a step
