@@ -581,7 +581,9 @@ class Solver:
         """Wake the heaps that something has come near to; True if any."""
         if not len(self._asleep):
             return False
-        near = self._heap[self._model.geom_bodyid[data.contact.geom]]
+        # between two balls MuJoCo squares the margin, and finds those that are not looked at
+        looked = data.contact.includemargin > _NEVER / 2
+        near = self._heap[self._model.geom_bodyid[data.contact.geom[looked]]]
         pushed = self._heap * data.xfrc_applied.any(axis=1)
         heaps = set(near.ravel().tolist()) | set(pushed.tolist()) - {0}
         heaps.discard(0)
