@@ -392,9 +392,11 @@ def _aim(
             meets = crowded and dist[i] + 0.5 * normal * dt < 0.0
             target[row] = -(1.0 + e) * normal / dt if meets else _OPEN
         else:
-            # dist is that of the middle of the piece, half of its motion is left to close the gap
-            open_, shut = max(dist[i] - NEAR, 0.0), max(min(dist[i], NEAR) * PUSH_OUT / step, -cut)
-            turned = 0.5 * drift[row] if dist[i] < NEAR else 0.0
+            # the gap of the middle of the piece, from which a straight way strays if the surfaces curve or turn; half of
+            # the motion is left to close it
+            gap = dist[i] - drift[row] * dt / 8
+            open_, shut = max(gap - NEAR, 0.0), max(min(gap, NEAR) * PUSH_OUT / step, -cut)
+            turned = 0.5 * drift[row] if gap < NEAR else 0.0
             target[row] = -(normal + turned) / dt - 2.0 * (open_ / dt + shut) / dt
         slip = 0.0
         for j in range(1, dim[i]):
@@ -540,7 +542,8 @@ class Solver:
 
     def begin(self, data: Any, dt: float, gravity: float) -> None:
         """Set how far ahead contacts are detected: as far as anything can move in the step."""
-        self._cut, self._step = gravity * dt, dt
+        bend = max((cup.bend(self._model, data) for cup in self._cups), default=0.0)
+        self._cut, self._step = max(gravity, bend) * dt, dt
         m = self._model
         reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
         ahead = 2 * dt * (reach + self._cut)
@@ -571,7 +574,12 @@ class Solver:
         ):  # fmt: skip
             self._count()
             data.qvel[self._asleep] = 0.0
-        return bool(len(self._asleep) == self._model.nv)
+        return self.idle
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is awake."""
+        return bool(0 < len(self._asleep) == self._model.nv)
 
     def _count(self) -> None:
         dofs = self._free_dof[self._heap[self._free_body] > 0]
@@ -599,6 +607,8 @@ class Solver:
         mujoco.mj_fwdPosition(self._model, data)
         if sum(cup.add(self._model, data) for cup in self._cups):
             mujoco.mj_makeConstraint(self._model, data)
+            # of contacts too far away for a row MuJoCo gives the last one the number 0, which is another's
+            data.contact.efc_address[data.contact.exclude != 0] = -1
 
     def look(self, data: Any, dt: float) -> tuple[float, float, bool]:
         """(time to the soonest impact [s], its gap [m], whether anything touches or comes to rest within dt)."""
@@ -857,33 +867,67 @@ class _Cup:
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
         self._points = np.zeros((1, 3)) if self._sphere else signs * size
         self._radius = float(size[0]) if self._sphere else 0.0
-        self._dim = 3 if surface.static_friction > 0 else 1
+        self._contact = mujoco.MjContact()
+        self._contact.dim = 3 if surface.static_friction > 0 else 1
+        self._contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
+        self._contact.solref, self._contact.solreffriction = (0.02, 1.0), (0.0, 0.0)
+        self._contact.solimp = IMPEDANCE
+        self._contact.geom = self._contact.geom1, self._contact.geom2 = self._geom, self._other
         self.margin = self.ahead = 0.0
+
+    def bend(self, model: Any, data: Any) -> float:
+        """Centripetal acceleration that the wall gives what slides along it [m/s²]: no more than that is no impact."""
+        velocity = data.cvel[model.geom_bodyid[self._other], 3:]
+        return float(velocity @ velocity) / self._bowl.radius
 
     def add(self, model: Any, data: Any) -> int:
         """Add the contacts of this moment; returns how many."""
-        found = 0
-        turn, place = data.geom_xmat[self._other].reshape(3, 3), data.geom_xpos[self._other]
-        centre, axis = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)[:, 2]
-        for point in self._points:
-            out = place + turn @ point - centre
-            far = float(np.linalg.norm(out))
-            gap = self._bowl.radius - far - self._radius
-            if gap >= self.margin + self.ahead or out @ axis / far * self._bowl.radius > self._bowl.rim:
-                continue
-            contact = mujoco.MjContact()
-            contact.dist, contact.dim = gap, self._dim
-            contact.pos = centre + out / far * (self._bowl.radius - gap / 2)
-            normal = -out / far
-            # tangents that turn with the normal alone, so that they are the same from step to step
-            aside = np.cross(axis, normal) if abs(normal @ axis) < 0.99 else np.cross((1.0, 0.0, 0.0), normal)
-            aside /= np.linalg.norm(aside)
-            contact.frame = np.concatenate([normal, aside, np.cross(normal, aside)])
-            contact.includemargin, contact.exclude = self.margin, int(gap >= self.margin)
-            contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
-            contact.solref, contact.solreffriction, contact.solimp = (0.02, 1.0), (0.0, 0.0), IMPEDANCE
-            contact.geom = contact.geom1, contact.geom2 = self._geom, self._other
+        gaps, places, frames = _in_cup(
+            self._points, self._radius, data.geom_xmat[self._other], data.geom_xpos[self._other],
+            data.site_xpos[self._site], data.site_xmat[self._site], self._bowl.radius, self._bowl.rim,
+            self.margin + self.ahead,
+        )  # fmt: skip
+        contact = self._contact
+        for i in range(len(gaps)):
+            contact.dist, contact.pos, contact.frame = gaps[i], places[i], frames[i]
+            contact.includemargin, contact.exclude = self.margin, int(gaps[i] >= self.margin)
             if mujoco.mj_addContact(model, data, contact):
                 raise MemoryError("no room for the contacts of a bowl")
-            found += 1
-        return found
+        return len(gaps)
+
+
+@njit(cache=True)
+def _in_cup(
+    points: Array, ball: float, turn: Array, place: Array, centre: Array, axes: Array, radius: float, rim: float,
+    reach: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Gaps (n,), places (n, 3) and frames (n, 9) of what is nearer to the inside of a sphere than `reach`."""
+    gaps, places, frames = np.empty(len(points)), np.empty((len(points), 3)), np.empty((len(points), 9))
+    found = 0
+    out, normal, aside = np.empty(3), np.empty(3), np.empty(3)
+    for point in points:
+        for k in range(3):
+            out[k] = place[k] - centre[k]
+            for j in range(3):
+                out[k] += turn[3 * k + j] * point[j]
+        far = np.sqrt(np.sum(out**2))
+        gap = radius - far - ball
+        up = (out[0] * axes[2] + out[1] * axes[5] + out[2] * axes[8]) / far if far > 0.0 else 0.0
+        if gap >= reach or up * radius > rim:
+            continue
+        normal[:] = -out / far
+        # tangents that turn with the normal alone, so that they are the same from step to step
+        upright = abs(up) < 0.99
+        ax, ay, az = (axes[2], axes[5], axes[8]) if upright else (1.0, 0.0, 0.0)
+        aside[0] = ay * normal[2] - az * normal[1]
+        aside[1] = az * normal[0] - ax * normal[2]
+        aside[2] = ax * normal[1] - ay * normal[0]
+        aside /= np.sqrt(np.sum(aside**2))
+        gaps[found] = gap
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            places[found, k] = centre[k] - normal[k] * (radius - gap / 2)
+            frames[found, k], frames[found, 3 + k] = normal[k], aside[k]
+            frames[found, 6 + k] = normal[a] * aside[b] - normal[b] * aside[a]
+        found += 1
+    return gaps[:found], places[:found], frames[:found]
