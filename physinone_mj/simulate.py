@@ -334,6 +334,9 @@ class Stepper:
     def _step(self) -> None:
         solver, model, data = self._solver, self.model, self.data
         assert solver is not None
+        if solver.idle and not (self._switches or self._pushes):  # what sleeps and is left alone sleeps on
+            data.time += self.compiled.step
+            return
         solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
         left = self.compiled.step
         self._forward()
