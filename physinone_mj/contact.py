@@ -392,7 +392,7 @@ def _aim(
             meets = crowded and dist[i] + 0.5 * normal * dt < 0.0
             target[row] = -(1.0 + e) * normal / dt if meets else _OPEN
         else:
-            # the gap of the middle of the piece, from which a straight way strays if the surfaces curve or turn; half of
+            # the gap of the middle of the piece, from which a straight way strays where surfaces curve or turn; half of
             # the motion is left to close it
             gap = dist[i] - drift[row] * dt / 8
             open_, shut = max(gap - NEAR, 0.0), max(min(gap, NEAR) * PUSH_OUT / step, -cut)
