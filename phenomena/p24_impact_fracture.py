@@ -215,7 +215,7 @@ class ImpactFracture(Phenomenon, domain="mechanics"):
         return middle, middle[0] + start * t - 0.5 * t**2 * (0, 0, g)
 
     @law("E = E₀ in flight; Ė ≤ 0 after", source="Landau & Lifshitz, Mechanics, §6; rigid bonds store nothing",
-         within=(1e-3, 1e-3, 1e-3), limited_by="restitution with friction at the corners of a heap")  # fmt: skip
+         within=(1e-2, 3e-3, 1e-3), limited_by="restitution with friction at the corners of a heap")  # fmt: skip
     def breaking_sets_no_energy_free(self, run: Run) -> Measurement:
         """24b: energy of everything; the greatest rise above what it was once anything touched."""
         energy = self.energy(run) / self.energy(run)[0]

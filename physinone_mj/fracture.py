@@ -332,7 +332,7 @@ def _scatter(
     size = float(np.linalg.norm(high - low))
     spacing = np.ones(len(inside))
     if focus is not None:
-        spacing = 0.1 * size + np.linalg.norm(inside - focus, axis=1)
+        spacing = 0.3 * size + np.linalg.norm(inside - focus, axis=1)
     if grain is not None:
         axis = np.asarray(grain, float) / np.linalg.norm(grain)
         inside = inside - np.outer((inside - solid.centre) @ axis, axis)
