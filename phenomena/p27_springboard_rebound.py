@@ -361,11 +361,11 @@ class SpringboardRebound(Phenomenon, domain="mechanics"):
          source="Landau & Lifshitz, Mechanics, §21 eq. 21.6; Goldstein §5.1",
          limited_by="small angles: on a turning board the ball rolls and leaves a little off")  # fmt: skip
     def a_hinge_is_softer_farther_out(self, run: Run) -> Measurement:
-        """27e: time of the push, at two distances from the hinge: k_eff = k_θ/r²."""
+        """27e: time of the push, at two distances from the hinge of a board of 1 m: k_eff = k_θ/r²."""
         found, expected = [], []
         for offset in (0.9, 0.6):
             specimen, one = self.twin(
-                run, kind="hinged", damping=0.0, drop=0.1, offset=offset, stiffness=max(self.stiffness, 2e3)
+                run, kind="hinged", damping=0.0, drop=0.1, offset=offset, length=1.0, stiffness=max(self.stiffness, 2e3)
             )
             start, angle = specimen.hit(one), one.joint("hinged_board/hinge")
             back = [
