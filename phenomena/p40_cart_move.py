@@ -269,9 +269,12 @@ class CartMove(Phenomenon, domain="mechanics"):
         if not 0.01 < true.critical * (1 - MARGIN) < true.critical * (1 + MARGIN) < 20.0:
             raise NotEvaluated(f"critical torque {true.critical:.3g} N m; needed: 0.01 to 20 N m")
 
+        # a fifth of what `MARGIN` too much torque makes wheels without load gain on the ground
+        slipping = 0.2 * MARGIN * true.critical * true.radius / true.inertia * PUSH
+
         def spins(torque: float) -> bool:
             twin = run.again(drive="motor", torque=torque, watch=1.0)
-            return bool(np.abs(true.slip(twin)[twin.t < START + PUSH]).max() > 1e-5 * torque / true.torque)
+            return bool(np.abs(true.slip(twin)[twin.t < START + PUSH]).max() > slipping)
 
         return threshold(spins, self.critical, spread=MARGIN, resolution=2.1 * MARGIN) / self.critical, 1.0
 

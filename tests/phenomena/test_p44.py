@@ -63,7 +63,7 @@ def test_a_speed_that_is_given_is_found_out() -> None:
     stiffer = run.again(stiffness=12.0)
     squares = [float(np.sum(r.specimen.released(r)[1] ** 2)) for r in (run, stiffer)]
     works = [r.specimen.work(-0.4, 0.9) for r in (run, stiffer)]
-    assert squares[1] / squares[0] == pytest.approx(works[1] / works[0], rel=1e-3)
+    assert squares[1] / squares[0] == pytest.approx(works[1] / works[0], rel=5e-3)
     given = dataclasses.replace(run, specimen=stiffer.specimen)
     assert given.specimen.laws()["spring_throws"].judge(given.specimen, given).verdict == "failed"
 
