@@ -194,7 +194,7 @@ class ImpactFracture(Phenomenon, domain="mechanics"):
         return momentum, due
 
     @law("L = L₀ about the centre of mass", source="Landau & Lifshitz, Mechanics, §9 eq. 9.3",
-         within=(1e-3, 3e-4, 3e-5), limited_by="exact at the break, then pieces turn in coarse steps")  # fmt: skip
+         within=(1e-2, 3e-3, 1e-3), limited_by="exact at the break, then pieces turn in coarse steps")  # fmt: skip
     def breaking_does_not_change_the_angular_momentum(self, run: Run) -> Measurement:
         """24a: in a clash of a ball with a column, whose two blocks part; in the sample after it as in the first."""
         run, moving, _ = self.clash(run.again(shape="column", event="clash", strength=1e4))

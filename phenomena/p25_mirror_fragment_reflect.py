@@ -255,7 +255,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
     @law("Σ A_k = w h", source="by definition: area", within=(1e-3, 1e-3, 1e-3),
          limited_by="shards are set back from each other by ten micrometres")  # fmt: skip
     def shards_cover_the_mirror(self, run: Run) -> Measurement:
-        """25d: silvered area of all shards' meshes, against width times height."""
+        """25d: silvered area of all shards' meshes, and what their masses make of it, against width times height."""
         area = 0.0
         for shard in self.shards:
             mesh = run.model.mesh(int(run.model.geom(shard).dataid[0]))
@@ -265,7 +265,8 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
             across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ turn.T / 2
             size = np.linalg.norm(across, axis=1)
             area += size[across[:, 0] > 0.999 * size].sum()
-        return area, 4 * GLASS[1] * GLASS[2]
+        weighed = sum(run.mass(shard) for shard in self.shards) / (self.density * 2 * GLASS[0])
+        return [area, weighed], np.full(2, 4 * GLASS[1] * GLASS[2])
 
     @law("Σ mᵢ = ρ V", source="by definition: density", within=(1e-12, 1e-12, 1e-12),
          limited_by="round-off: nothing here depends on the step")  # fmt: skip

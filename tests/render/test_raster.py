@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from render.encode import SKY
-from render.raster import Coil, Cord, Raster, Still
+from render.raster import Beam, Coil, Cord, Raster, Still
 from render.rig import FOV, Sphere, back_project, fit_distance, look_at, orbit, project
 
 from .sets import BALL, CROWD, SPRING, staged
@@ -357,3 +357,36 @@ def test_an_impossible_cord_is_refused(changes):
     fine = {"tendon": 0, "length": 0.5, "wire": 0.01, "rgba": (1, 1, 1, 1), "segmentation": 2}
     with pytest.raises(ValueError, match="cord"):
         Cord(**(fine | changes))
+
+
+def beam(*points):
+    return Beam(np.array([points, [points[0]] + [[np.nan] * 3] * (len(points) - 1)], float), 0.01, (1.0, 0.1, 0.1, 0.85))
+
+
+def test_a_beam_is_seen_but_is_no_matter():
+    model, ids = staged(BALL)
+    path = beam([-0.5, -0.3, 0.4], [0.5, -0.3, 0.4], [0.5, 0.4, 0.4])
+    pose = view()
+    with Raster(model, SIZE, ids, sphere=SPHERE) as raster:
+        still = [0, 0, 0.5, 1, 0, 0, 0]
+        raster.pose(still)
+        dark, matter = raster.colour(pose), raster.depth_and_segmentation(pose)
+        raster.pose(still, lines=[path.at(0)])
+        lit, unchanged = raster.colour(pose), raster.depth_and_segmentation(pose)
+        windowed = Still(raster, pose).colour()
+        raster.pose(still, lines=[path.at(1)])
+        gone = raster.colour(pose)
+    for before, after in zip(matter, unchanged, strict=True):
+        np.testing.assert_array_equal(before, after)
+    np.testing.assert_array_equal(dark, gone)
+    rows, columns = np.nonzero(np.abs(lit.astype(int) - dark).max(axis=2) > 40)
+    pixels, _ = project(np.linspace(path.points[0, 0], path.points[0, 1], 30), pose, FOV, SIZE)
+    seen = np.stack([columns, rows], axis=1) + 0.5
+    assert np.linalg.norm(pixels[:, None] - seen, axis=2).min(axis=1).max() < 2
+    assert np.count_nonzero(np.abs(windowed.astype(int) - lit).max(axis=2) > 8) < 20
+
+
+@pytest.mark.parametrize("changes", [{"radius": 0.0}, {"points": np.zeros((4, 3))}, {"points": np.zeros((2, 4, 2))}])
+def test_an_impossible_beam_is_refused(changes):
+    with pytest.raises(ValueError, match="beam"):
+        Beam(**({"points": np.zeros((1, 2, 3)), "radius": 0.01, "rgba": (1.0, 0.0, 0.0, 1.0)} | changes))
