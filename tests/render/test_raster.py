@@ -360,7 +360,8 @@ def test_an_impossible_cord_is_refused(changes):
 
 
 def beam(*points):
-    return Beam(np.array([points, [points[0]] + [[np.nan] * 3] * (len(points) - 1)], float), 0.01, (1.0, 0.1, 0.1, 0.85))
+    ended = [points[0], *[[np.nan] * 3] * (len(points) - 1)]
+    return Beam(np.array([points, ended], float), 0.01, (1.0, 0.1, 0.1, 0.85))
 
 
 def test_a_beam_is_seen_but_is_no_matter():
