@@ -215,7 +215,7 @@ def replay(model: Any, scene: Scene, t: Array, qpos: Array, qvel: Array) -> Moti
         kinetic=np.empty(count), potential=np.empty(count), sensors=np.empty((count, model.nsensordata)),
     )  # fmt: skip
     pushes = [effect.bind(model) for effect in scene.effects] if model.nsensordata else []
-    root = model.body_rootid
+    root, arms = model.body_rootid, np.empty((count, nbody, 3))
     for i in range(count):
         data.time, data.qpos[:], data.qvel[:] = t[i], qpos[i], qvel[i]
         mujoco.mj_fwdKinematics(model, data)
@@ -231,7 +231,8 @@ def replay(model: Any, scene: Scene, t: Array, qpos: Array, qvel: Array) -> Moti
         mujoco.mj_energyVel(model, data)
         out.position[i], out.origin[i], out.quaternion[i] = data.xipos, data.xpos, data.xquat
         out.spin[i] = data.cvel[:, :3]
-        out.velocity[i] = data.cvel[:, 3:] + np.cross(data.cvel[:, :3], data.xipos - data.subtree_com[root])
+        out.velocity[i], arms[i] = data.cvel[:, 3:], data.xipos - data.subtree_com[root]
         out.potential[i] = data.energy[0] + sum(effect.potential(model, data) for effect in scene.effects)
         out.kinetic[i] = data.energy[1]
+    out.velocity[:] += np.cross(out.spin, arms)
     return out
