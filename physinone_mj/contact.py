@@ -867,6 +867,7 @@ class _Cup:
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
         self._points = np.zeros((1, 3)) if self._sphere else signs * size
         self._radius = float(size[0]) if self._sphere else 0.0
+        self._deepest = float(size[0] if self._sphere else size.min())
         self._contact = mujoco.MjContact()
         self._contact.dim = 3 if surface.static_friction > 0 else 1
         self._contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
@@ -885,7 +886,7 @@ class _Cup:
         gaps, places, frames = _in_cup(
             self._points, self._radius, data.geom_xmat[self._other], data.geom_xpos[self._other],
             data.site_xpos[self._site], data.site_xmat[self._site], self._bowl.radius, self._bowl.rim,
-            self.margin + self.ahead,
+            self.margin + self.ahead, self._deepest,
         )  # fmt: skip
         contact = self._contact
         for i in range(len(gaps)):
@@ -899,9 +900,12 @@ class _Cup:
 @njit(cache=True)
 def _in_cup(
     points: Array, ball: float, turn: Array, place: Array, centre: Array, axes: Array, radius: float, rim: float,
-    reach: float,
+    reach: float, deepest: float,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Gaps (n,), places (n, 3) and frames (n, 9) of what is nearer to the inside of a sphere than `reach`."""
+    """Gaps (n,), places (n, 3) and frames (n, 9) of what is nearer to the inside of a sphere than `reach`.
+
+    deepest: what lies farther out than that is outside the bowl, where there is no surface
+    """
     gaps, places, frames = np.empty(len(points)), np.empty((len(points), 3)), np.empty((len(points), 9))
     found = 0
     out, normal, aside = np.empty(3), np.empty(3), np.empty(3)
@@ -913,7 +917,7 @@ def _in_cup(
         far = np.sqrt(np.sum(out**2))
         gap = radius - far - ball
         up = (out[0] * axes[2] + out[1] * axes[5] + out[2] * axes[8]) / far if far > 0.0 else 0.0
-        if gap >= reach or up * radius > rim:
+        if gap >= reach or gap < -deepest or up * radius > rim:
             continue
         normal[:] = -out / far
         # tangents that turn with the normal alone, so that they are the same from step to step
