@@ -235,7 +235,7 @@ class AccelConcaveSpin(Phenomenon, domain="mechanics"):
         n, needed = rolling.way(rolling_state(twin, BALL, self.radius, self.size), twin.t[some])
         if needed > 0.88 or n[:, 2].max() > -0.02:
             raise NotEvaluated(f"the ball would need friction of {needed:.2g} and rise to {n[:, 2].max():.2g} R_e")
-        return polar(twin, BALL, self.radius)[some], np.arccos(-n[:, 2])
+        return polar(twin, BALL, self.radius)[some], np.arctan2(np.hypot(n[:, 0], n[:, 1]), -n[:, 2])
 
     @law("v ⊥ x - c where |x - c| = R_e, θ = θ_rim; then ẍ = -g ẑ", source="Galilei, Discorsi (1638), day 4, theorem 1",
          within=(1e-2, 3e-3, 1e-3), limited_by="the step in which the rim is passed")  # fmt: skip
