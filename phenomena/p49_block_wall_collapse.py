@@ -58,6 +58,11 @@ class BlockWallCollapse(Phenomenon, domain="mechanics"):
         return self.density * self.size**3
 
     @property
+    def yard(self) -> float:
+        """Half the side of the square of rails that keeps ball and blocks [m]."""
+        return max(1.2, 0.8 * self.columns * self.size)
+
+    @property
     def surface(self) -> Surface:
         """Of blocks, ball and ground alike."""
         return Surface(friction=self.friction, restitution=self.restitution)
@@ -118,9 +123,10 @@ class BlockWallCollapse(Phenomenon, domain="mechanics"):
         if self.trigger == "pull":
             scene.speed["row0_0/free"] = (-self.speed, 0, 0, 0, 0, 0)
         elif self.trigger == "ball":
-            bodies.append(self.throw(scene, max(0.62 * self.rows * self.size, 1.2 * self.radius), -half, 1.8))
+            high = max(0.62 * self.rows * self.size, 1.2 * self.radius)
+            bodies.append(self.throw(scene, high, -half, self.yard - 0.35))
         if self.trigger != "none":
-            rails = court(scene, max(2.2, 1.2 * self.columns * self.size), self.surface)
+            rails = court(scene, self.yard, self.surface)
             for body in bodies:
                 scene.touch(body, rails.name("rails"))
         return bodies

@@ -118,7 +118,7 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
             falling.append(self.lay(scene, "load", (self.load_at, lying + 2 * BOARD), half, 2500.0, (0.72, 0.24, 0.20)))
         if self.trigger == "ball":
             falling.append(self.throw(scene))
-            rails = court(scene, 1.4 + self.length / 2, Surface(friction=self.friction, restitution=0.2))
+            rails = court(scene, self.length / 2 + 0.5, Surface(friction=self.friction, restitution=0.2))
             for body in falling:
                 scene.touch(body, rails.name("rails"))
         scene.touch("stage/floor", *falling)
@@ -211,7 +211,7 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
         """A ball that flies level when it strikes the first stick, at half its height."""
         radius = 0.06
         body = ball(scene, "ball", radius, 2500.0, self.surface, (0.25, 0.33, 0.62))
-        time = min(1.8 / self.speed, sqrt(1.9 * (self.height / 2 - radius) / g))
+        time = min(0.7 / self.speed, sqrt(1.9 * (self.height / 2 - radius) / g))
         place = (float(self.stands[0]), -THICK - radius - self.speed * time, self.height / 2 - g * time**2 / 2)
         scene.start[body.name("free")] = free_pose(place)
         scene.speed[body.name("free")] = (0.0, self.speed, g * time, 0, 0, 0)
