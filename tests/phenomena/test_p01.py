@@ -129,6 +129,7 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert verdicts(run)["bounces_with_restitution"] == "passed"
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(MovingHitsFixed)
     assert decided["bounces_with_restitution"] >= 10

@@ -127,5 +127,6 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert not failed(strike(**values))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(MovingHitsStationary, count=8).values()) >= 6

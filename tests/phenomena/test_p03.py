@@ -130,5 +130,6 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert set(verdicts(meet(**values)).values()) == {"passed"}
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(MovingHitsMoving).values()) >= 8

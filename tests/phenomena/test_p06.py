@@ -146,5 +146,6 @@ def test_a_ball_blown_off_its_feet_is_not_judged() -> None:
         assert "friction needed: 1.17" in verdict.reason
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(WindPushSameDir).values()) >= 6

@@ -137,5 +137,6 @@ def test_extremes_break_no_law(extreme: dict[str, float | str]) -> None:
     assert failed(simulate(ObliqueProjectile, fidelity=DRAFT, **extreme)) == set()
 
 
+@pytest.mark.slow
 def test_random_specimens_obey_every_law_or_are_refused() -> None:
     assert min(judge_random(ObliqueProjectile, seed=9).values()) >= 8

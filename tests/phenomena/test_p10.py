@@ -118,5 +118,6 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert len(run.impacts) < 500
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(VerticalFall).values()) >= 6

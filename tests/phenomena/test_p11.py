@@ -151,5 +151,6 @@ def test_between_the_thresholds_some_roll_and_some_slip() -> None:
     assert sorted(BETA) == list(BETA)
 
 
+@pytest.mark.slow
 def test_random_specimens_obey_every_law() -> None:
     assert min(judge_random(RollDownSlope, seed=11).values()) == 12

@@ -214,5 +214,6 @@ def test_poles_too_close_at_the_start_are_refused() -> None:
         pull(gap=0.01)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(MagnetAttract).values()) >= 5

@@ -151,5 +151,6 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert "failed" not in verdicts(push(**values)).values()
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(SpringCompress).values()) >= 10

@@ -112,5 +112,6 @@ def test_a_round_swing_starts_as_a_round_swing() -> None:
     assert speed == pytest.approx(sqrt(g * sin(1.3) ** 2 / cos(1.3)), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_random_specimens_obey_every_law_or_are_refused() -> None:
     assert min(judge_random(SimplePendulum, seed=46).values()) >= 5

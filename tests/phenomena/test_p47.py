@@ -122,6 +122,7 @@ def test_extremes_break_no_law(extreme: dict[str, float | str]) -> None:
     assert failed(run) == set()
 
 
+@pytest.mark.slow
 def test_random_specimens_break_no_law() -> None:
     decided = judge_random(DoublePendulum, seed=47)
     assert decided["motion_is_lagranges"] == 12

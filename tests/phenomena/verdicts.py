@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Set
+
 import numpy as np
 
 from physinone_mj.base import Phenomenon, Refusal
@@ -10,14 +12,57 @@ from physinone_mj.run import Run
 from physinone_mj.simulate import simulate_specimen
 
 
-def verdicts(run: Run) -> dict[str, str]:
-    """ "passed", "failed" or "not evaluated" of every law, by its name."""
-    return {v.law: v.verdict for v in run.check()}
+class Verdicts(Mapping[str, str]):
+    """ "passed", "failed" or "not evaluated" of every law, by its name; a law is judged when it is asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._laws = run.specimen.laws()
+        self._known: dict[str, str] = {}
+
+    def __getitem__(self, law: str) -> str:
+        if law not in self._known:
+            self._known[law] = self._laws[law].judge(self._run.specimen, self._run).verdict
+        return self._known[law]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._laws)
+
+    def __len__(self) -> int:
+        return len(self._laws)
 
 
-def failed(run: Run) -> set[str]:
+class Failed(Set[str]):
+    """Names of the laws that a run breaks; a law is judged when it is asked for."""
+
+    def __init__(self, verdicts: Verdicts) -> None:
+        self._verdicts = verdicts
+
+    @classmethod
+    def _from_iterable(cls, names: Iterable[str]) -> Set[str]:  # type: ignore[override]
+        return frozenset(names)
+
+    def __contains__(self, law: object) -> bool:
+        return self._verdicts[str(law)] == "failed"
+
+    def __ge__(self, names: Set[object]) -> bool:
+        return all(name in self for name in names)
+
+    def __iter__(self) -> Iterator[str]:
+        return (law for law in self._verdicts if law in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def verdicts(run: Run) -> Verdicts:
+    """Of every law, by its name."""
+    return Verdicts(run)
+
+
+def failed(run: Run) -> Failed:
     """Names of the laws that the run breaks."""
-    return {law for law, verdict in verdicts(run).items() if verdict == "failed"}
+    return Failed(Verdicts(run))
 
 
 def judge_random(cls: type[Phenomenon], count: int = 12, seed: int = 0) -> dict[str, int]:
