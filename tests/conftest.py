@@ -18,6 +18,7 @@ from physinone_mj.run import Run
 from physinone_mj.simulate import simulate
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """All tests of one phenomenon go to one process, one after the other, so that they share its runs."""
     for item in items:

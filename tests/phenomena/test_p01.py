@@ -47,6 +47,7 @@ def hit(cls: type[MovingHitsFixed] = MovingHitsFixed, **values: Any) -> Run:
     return simulate_specimen(cls.make(**values), fidelity=DRAFT)
 
 
+@pytest.mark.slow
 def test_one_bounce_for_all_is_found_out() -> None:
     assert not failed(hit(OneBounceForAll, restitution=0.8, wall_restitution=0.6))
     assert "bounces_with_restitution" in failed(hit(OneBounceForAll, restitution=0.4, wall_restitution=0.6))
@@ -106,6 +107,7 @@ def test_weight_does_not_matter() -> None:
     assert np.abs(heavy.position("ball/ball") - run.position("ball/ball")).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [

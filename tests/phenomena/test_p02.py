@@ -63,6 +63,7 @@ def test_a_target_set_off_by_a_trigger_is_found_out() -> None:
     assert {"momentum_is_kept", "velocities_after_the_hit"} <= failed(fake)
 
 
+@pytest.mark.slow
 def test_a_box_that_does_not_turn_is_found_out() -> None:
     def stiff(run: Run, after: Any, qpos: Any, qvel: Any) -> None:
         v, x = run.model.joint("target/free").dofadr[0], run.model.joint("target/free").qposadr[0]
@@ -79,6 +80,7 @@ def test_the_wrong_rule_for_restitution_is_found_out() -> None:
     assert verdicts(run)["momentum_is_kept"] == "passed"
 
 
+@pytest.mark.slow
 def test_the_wrong_rule_for_friction_is_found_out() -> None:
     assert failed(strike(RougherWins)) == {"the_floor_brakes_what_was_struck"}
 
@@ -113,6 +115,7 @@ def test_density_of_both_does_not_matter() -> None:
     assert np.abs(dense.position("target/ball")[early] - run.position("target/ball")[early]).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [

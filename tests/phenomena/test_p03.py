@@ -67,6 +67,7 @@ def test_spin_lost_at_a_rough_hit_is_found_out() -> None:
     assert verdicts(fake)["centre_of_mass_goes_on"] == "passed"
 
 
+@pytest.mark.slow
 def test_one_bounce_for_all_is_found_out() -> None:
     assert "separates_with_restitution" in failed(meet(SameBounce, restitution=0.7))
     assert not failed(meet(SameBounce, restitution=0.5))
@@ -117,6 +118,7 @@ def test_a_mass_ratio_beyond_ten_thousand_is_refused() -> None:
         meet(first_density=21300.0, first_radius=0.12, second_density=100.0, second_radius=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [

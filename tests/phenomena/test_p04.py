@@ -146,6 +146,7 @@ def test_refusals(rule: str, values: dict[str, Any]) -> None:
         build(WindGravityBalance.make(**values))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert judge_random(WindGravityBalance, 4)[PERIOD] >= 1
 

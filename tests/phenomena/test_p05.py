@@ -95,6 +95,7 @@ def test_ten_seconds_at_99_percent_of_the_threshold() -> None:
     assert np.abs(specimen.displacement(run)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_farther_from_the_fan_it_takes_more_wind() -> None:
     """The critical forces at two distances are as 1/(1 - s₀/L)²."""
     for start in (0.3, 0.6):
@@ -149,6 +150,7 @@ def test_refusals(rule: str, values: dict[str, Any]) -> None:
         build(WindPushStationary.make(**values))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(WindPushStationary, 3)
 

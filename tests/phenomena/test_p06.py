@@ -120,6 +120,7 @@ def test_a_uniform_stream_is_never_overtaken() -> None:
     assert 1.4 < specimen.velocity(run).max() < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "values"),
     [

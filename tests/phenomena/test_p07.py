@@ -140,6 +140,7 @@ def test_what_takes_too_long_is_refused() -> None:
         build(WindPushOppDir.make(speed=0.3, start=1.5, length=3.0, body="puck", friction=0.0, mass=5.0, force=0.05))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert judge_random(WindPushOppDir, 4)[TURN] >= 1
 

@@ -131,6 +131,7 @@ def test_a_ball_rolls_through_with_more_inertia() -> None:
     assert np.abs(spin[:, 0] * specimen.radius + v[:, 1]).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [
@@ -159,6 +160,7 @@ def test_refusals(rule: str, values: dict[str, Any]) -> None:
         build(WindDeflectMotion.make(**values))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert judge_random(WindDeflectMotion, 4)[ACROSS] >= 1
 

@@ -80,6 +80,7 @@ def test_a_rotation_about_a_fixed_axis_is_caught(box: Run) -> None:
     assert failed(scripted) == TUMBLING
 
 
+@pytest.mark.slow
 def test_the_box_flips_over_in_flight(box: Run) -> None:
     """Dzhanibekov's flip: the spin about the middle axis, seen from the box, turns round."""
     flight = box.t < box.impacts[0].time
@@ -124,6 +125,7 @@ def test_what_is_too_small_to_be_seen_is_refused() -> None:
         simulate(ObliqueProjectile, fidelity=DRAFT, size=0.03, speed=7.0, angle=0.8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "extreme",
     [

@@ -130,6 +130,7 @@ def test_without_friction_nothing_turns() -> None:
         assert np.abs(turned[window]).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "extreme",
     [

@@ -174,6 +174,7 @@ def test_too_far_up_is_refused() -> None:
     climb(speed=0.999 * highest)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(RollUpSlope, count=2, seed=12).values()) >= 1
 

@@ -111,6 +111,7 @@ def judge(run: Run, law: str) -> Verdict:
     return run.specimen.laws()[law].judge(run.specimen, run)
 
 
+@pytest.mark.slow
 def test_a_pull_of_one_over_r_is_found_out() -> None:
     run = pull(InverseDistance, place="one on a rail", gap=0.01, pole_distance=0.12, mass=0.5, core=0.003)
     for law in ("far_dipoles_and_near_poles", "falls_down_the_well"):
@@ -125,6 +126,7 @@ def test_magnets_that_do_not_turn_are_found_out() -> None:
     assert judge(pull(Untwisted), "needle_swings_in_the_field").verdict == "failed"
 
 
+@pytest.mark.slow
 def test_attraction_of_like_poles_is_found_out() -> None:
     assert judge(pull(Greedy), "four_pairs_of_poles_pull").verdict == "failed"
 
@@ -136,6 +138,7 @@ def test_like_poles_repel_as_strongly() -> None:
     assert moved[1] == pytest.approx(-moved[0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_exponents_are_those_of_dipoles_and_of_poles() -> None:
     run = nominal(13, DRAFT)
     law = run.specimen.laws()["far_dipoles_and_near_poles"]
@@ -151,6 +154,7 @@ def test_they_meet_when_the_energy_says() -> None:
     assert run.specimen.pole_gap(run).min() == pytest.approx(2 * run.specimen.core, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [{}, {"place": "one on a rail"}, {"place": "table", "gap": 0.06, "strength": 6e-3}])
 def test_snapping_gains_no_energy_and_they_stay(values: dict[str, Any]) -> None:
     run = pull(**values)
@@ -197,6 +201,7 @@ def test_without_magnetism_nothing_moves() -> None:
     assert judge(run, "falls_down_the_well").verdict == "failed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "values"),
     [

@@ -222,6 +222,7 @@ def test_refusals(values: dict[str, Any], names: str) -> None:
         push(**values)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(MagnetRepel, count=4).values()) >= 1
 

@@ -138,6 +138,7 @@ def test_extreme_seats() -> None:
     assert run.joint("pillar/hang0")[-1] > 1.4
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(UniformPanelSpin, count=2, seed=15).values()) >= 1
 

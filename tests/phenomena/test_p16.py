@@ -118,6 +118,7 @@ def test_refusals(values: dict[str, Any], nearest: str) -> None:
     assert refusal.value.rule == "R12"
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(AccelPanelSpin, count=2, seed=17).values()) >= 1
 

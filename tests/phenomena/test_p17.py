@@ -68,12 +68,14 @@ def faceted(run: Run) -> Run:
     return dataclasses.replace(run, qpos=qpos)
 
 
+@pytest.mark.slow
 def test_a_ball_glued_to_the_bowl_is_found_out() -> None:
     run = with_twins(nominal(17, DRAFT), glued)
     assert law(run, "smooth_ball_ignores_the_spin") in ("failed", "not evaluated")
     assert law(run, "ball_rolls_as_the_bowl_drags_it") == "failed"
 
 
+@pytest.mark.slow
 def test_without_friction_a_ball_at_the_bottom_stays() -> None:
     run = spin(cargo="ball", friction=0.0, angle=0.0, ratio=2.5)
     assert np.abs(run.position(BALL) - run.position(BALL)[0]).max() < 1e-9
@@ -85,6 +87,7 @@ def test_facets_are_found_out() -> None:
     assert law(with_twins(run, faceted), "ball_rides_where_the_wall_carries_it") == "failed"
 
 
+@pytest.mark.slow
 def test_a_bowl_that_turns_only_in_the_picture_is_found_out() -> None:
     run = simulate_specimen(Painted(), fidelity=DRAFT)
     assert law(run, "cube_holds_between_two_spins") == "failed"
@@ -142,6 +145,7 @@ def test_a_turned_outline_is_closed_and_looks_outwards() -> None:
         assert inside == pytest.approx(volume, rel=0.02)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(UniformConcaveSpin, count=2, seed=3)
 

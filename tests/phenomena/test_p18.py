@@ -46,6 +46,7 @@ def test_a_ball_without_history_is_found_out() -> None:
     assert law(fake, "ball_rolls_as_the_bowl_drags_it") == "failed"
 
 
+@pytest.mark.slow
 def test_a_cube_that_knows_the_spin_alone_is_found_out() -> None:
     run = nominal(18, DRAFT)
 
@@ -113,6 +114,7 @@ def test_refuses_what_overlaps() -> None:
         spin(size=0.05, angle=0.05, radius=0.2)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(AccelConcaveSpin, count=3, seed=3)
 

@@ -148,6 +148,7 @@ def test_the_texture_turns_with_the_disc() -> None:
     assert np.arctan2(stripe[1], stripe[0]) == pytest.approx((2.5 + np.pi) % (2 * np.pi) - np.pi, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(UniformSurfaceSpin, count=3, seed=3)
 

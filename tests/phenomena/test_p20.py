@@ -117,6 +117,7 @@ def test_refuses_blocks_too_near_to_the_axis() -> None:
         turn(blocks=4, radius=0.2)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(AccelSurfaceSpin, count=3, seed=3)
 

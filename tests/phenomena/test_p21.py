@@ -127,6 +127,7 @@ def test_extremes() -> None:
     assert not failed(lane(speed=4.0, friction=0.9, rough=0.9, smooth=0.9, density=21300.0))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(FrictionStop, count=3, seed=14)
     assert min(decided.values()) >= 1

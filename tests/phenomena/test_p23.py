@@ -185,6 +185,7 @@ def test_period_is_that_of_the_books() -> None:
     assert run.specimen.swing_time(run) == pytest.approx(2 * pi * sqrt(0.5 / 25.0), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(SpringStretch, count=3).values()) >= 2
 

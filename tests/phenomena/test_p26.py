@@ -165,6 +165,7 @@ def test_too_deep_a_drop_is_refused() -> None:
     fall(length=1.5, stiffness=79.0, mass=3.0)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(ElasticCouple, count=4).values()) >= 2
 

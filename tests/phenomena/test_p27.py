@@ -176,6 +176,7 @@ def test_refusals(values: dict[str, Any], names: str) -> None:
         bounce(**values)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert judge_random(SpringboardRebound, count=3, seed=3)[DEPTH] >= 1
 

@@ -128,6 +128,7 @@ def test_a_load_wider_than_the_plank_is_refused() -> None:
         SeesawCenterPivot.make(heavy=10.0).seesaw.cube(20.0, 600.0, 0.5)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(SeesawCenterPivot, count=3, seed=2)
     assert min(n for name, n in decided.items() if name != LAUNCH) == 3

@@ -131,6 +131,7 @@ def test_a_load_beyond_the_end_is_refused() -> None:
         tip(length=0.8, offset=0.4, right=10.0, right_arm=0.85)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(SeesawOffsetPivot, count=2, seed=1)
     assert min(decided.values()) >= 1

@@ -212,6 +212,7 @@ def test_hovering_says_so() -> None:
     assert {found[law] for law in (*RISE, SCALE, ROLLS)} == {"not evaluated"}
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(BalloonFloat, 4, seed=1)
     assert min(decided.values()) >= 1

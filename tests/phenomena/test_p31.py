@@ -203,6 +203,7 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert run.specimen.span(run).max() / run.specimen.length == pytest.approx(1.0, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(BalloonTether, 4, seed=1).values()) >= 2
 

@@ -187,6 +187,7 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert run.specimen.spans(run).max() < 1.02 * run.specimen.length
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(BalloonLift, 4, seed=1).values()) >= 1
 

@@ -138,6 +138,7 @@ def test_extremes() -> None:
     assert not failed(cart(radius=0.1, mass=0.3, wheel=0.5, friction=0.2, speed=2.0))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(CartMove, count=2, seed=40)
     assert min(decided.values()) >= 1

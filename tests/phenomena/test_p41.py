@@ -140,6 +140,7 @@ def test_extremes() -> None:
     assert low.position(BODY)[-1, 2] < 0.05 + SIZE[2]
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     judge_random(RotTurntableInertia, count=2, seed=3)
 

@@ -137,6 +137,7 @@ def test_refusals(values: dict[str, Any], rule: str) -> None:
     assert refusal.value.rule == rule
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(RotatingBlockPushes, count=2, seed=1).values()) >= 1
 

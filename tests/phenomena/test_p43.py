@@ -120,6 +120,7 @@ def test_a_block_wider_than_the_tray_is_refused() -> None:
         carry(mass=10.0, slender=0.5, density=600.0)
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     assert min(judge_random(LinCarryInertia, count=2, seed=5).values()) == 2
 

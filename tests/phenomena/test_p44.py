@@ -149,6 +149,7 @@ def test_extremes() -> None:
     assert not failed(catapult(drive="weight", weight=30.0, mass=0.05, short=0.1, long=0.4, arm=0.3))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(CatapultLaunch, count=4, seed=3)
     assert decided["ball_flies_a_parabola"] >= 1

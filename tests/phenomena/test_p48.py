@@ -161,6 +161,7 @@ def test_extremes() -> None:
     assert not failed(crank(radius=0.2, ratio=2.0, speed=10.0, torque=500.0, slider=3.0, block=5.0, turns=1))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     decided = judge_random(CrankPush, count=2, seed=5)
     assert min(decided.values()) >= 1
