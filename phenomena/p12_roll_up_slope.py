@@ -236,7 +236,7 @@ class RollUpSlope(Phenomenon, domain="mechanics"):
         when, where = specimen.summits(one)
         return np.concatenate([np.array(slowing) / expected, where / ways, when / times]), np.ones(12)
 
-    @law("d = v²/(2 g sin α), ω = const. without friction", source="Galilei, Discorsi, third day (inclined planes)",
+    @law("d = v²/(2 g sin α), ω = const. without friction", source="Galilei, Discorsi (1638), third day, theorem II",
          within=(1e-9, 1e-10, 1e-11))  # fmt: skip
     def without_friction_all_climb_alike(self, run: Run) -> Measurement:
         """12d: way up of the four, and their spin at the summit over that of the start."""

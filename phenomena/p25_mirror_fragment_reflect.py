@@ -127,15 +127,18 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
 
     @observable("m")
     def beam_path(self, run: Run) -> Array:
-        """Where the beam starts, is reflected and ends, (T, K, 3); NaN after its end."""
-        return optics.trace(run, "laser").points
+        """Where the beam starts, is reflected and ends, (T, K, 3); its end again where it has fewer corners."""
+        points = optics.trace(run, "laser").points.copy()
+        for k in range(1, points.shape[1]):
+            ended = np.isnan(points[:, k, 0])
+            points[ended, k] = points[ended, k - 1]
+        return points
 
     @observable("1")
     def shard_normals(self, run: Run) -> Array:
         """Normal of the silvered face of every shard, (T, n, 3)."""
         return np.stack([quaternion_matrix(run.quaternion(shard))[:, :, 0] for shard in self.shards], axis=1)
 
-    @observable("m")
     def image_of_the_laser(self, run: Run) -> Array:
         """Where the laser's mouth is seen in the shard that the beam meets first, (T, 3); NaN if it meets none."""
         start, _ = self.source

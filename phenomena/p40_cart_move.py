@@ -284,7 +284,7 @@ class CartMove(Phenomenon, domain="mechanics"):
         mounts = np.array([(ahead * BASE, left * TRACK, -CHASSIS) for ahead, left in WHEELS.values()])
         return np.linalg.norm(self.axles(run) / self.radius - mounts, axis=2).max(), 0.0
 
-    @law("v = const", source="Newton, Principia, law I", unit="1/s", within=(1e-8, 1e-9, 1e-9))
+    @law("v = const", source="Newton, Principia (1687), law I", unit="1/s", within=(1e-8, 1e-9, 1e-9))
     def it_coasts(self, run: Run) -> Measurement:
         """40e: change of the speed a second, relative, from the ram to the wall."""
         there, twin = self.staged(run, drive="pushed", watch=max(self.watch, 2.0))

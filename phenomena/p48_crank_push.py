@@ -174,7 +174,7 @@ class CrankPush(Phenomenon, domain="mechanics"):
         part.body("crank").pos[2] = part.body("slider").pos[2] = high
         disc.size[0], disc.mass = r + 0.04, self.disc[0]
         part.geom("web").pos[0], part.geom("web").size[0] = r / 2, r / 2 + 0.015
-        part.geom("pin").fromto = (r, -0.012, 0, r, 0.05, 0)
+        part.geom("pin").fromto = (r, -0.072, 0, r, -0.01, 0)
         part.body("rod").pos[0], part.joint("pin").pos[0] = r + rod / 2, -rod / 2
         bar.size[0], bar.mass = rod / 2 + 0.015, self.bar[0]
         for end, x in (("big_end", -rod / 2), ("small_end", rod / 2)):

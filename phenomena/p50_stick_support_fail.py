@@ -225,9 +225,9 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
 
     @observable("N")
     def weighed(self, run: Run) -> Array:
-        """What the springs under the sticks say, (T, n); NaN where the sticks stand fast."""
+        """What the springs under the sticks say, (T, n); 0 where the sticks stand fast and none is there."""
         if self.trigger != "none":
-            return np.full((len(run), self.sticks), np.nan)
+            return np.zeros((len(run), self.sticks))
         return np.column_stack([-SCALE * run.joint(f"stick{i}/sink") for i in range(self.sticks)])
 
     @observable("m")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from phenomena.p42_rotating_block_pushes import AXLE, RotatingBlockPushes
+from phenomena.p42_rot_board_inertia import AXLE, RotBoardInertia
 from physinone_mj.base import Refusal
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
@@ -25,7 +25,7 @@ SMOOTH, LEAVES, ROUGH = (
 )  # fmt: skip
 
 
-class Unmoved(RotatingBlockPushes, domain="mechanics"):
+class Unmoved(RotBoardInertia, domain="mechanics"):
     """The free bar keeps its speed whatever it strikes."""
 
     def build(self, scene: Scene) -> None:
@@ -33,14 +33,14 @@ class Unmoved(RotatingBlockPushes, domain="mechanics"):
         scene.motors[:] = [Motor(AXLE, ((0.0, self.speed),))]
 
 
-class Slippery(RotatingBlockPushes, domain="mechanics"):
+class Slippery(RotBoardInertia, domain="mechanics"):
     """The rough block slides as if it were smooth."""
 
     def build(self, scene: Scene) -> None:
-        RotatingBlockPushes.make(**(self.values() | {"friction": 0.0})).build(scene)
+        RotBoardInertia.make(**(self.values() | {"friction": 0.0})).build(scene)
 
 
-def spin(cls: type[RotatingBlockPushes] = RotatingBlockPushes, **values: Any) -> Run:
+def spin(cls: type[RotBoardInertia] = RotBoardInertia, **values: Any) -> Run:
     return simulate_specimen(cls.make(**values), fidelity=DRAFT)
 
 
@@ -139,9 +139,9 @@ def test_refusals(values: dict[str, Any], rule: str) -> None:
 
 @pytest.mark.slow
 def test_random_specimens() -> None:
-    assert min(judge_random(RotatingBlockPushes, count=2, seed=1).values()) >= 1
+    assert min(judge_random(RotBoardInertia, count=2, seed=1).values()) >= 1
 
 
 @pytest.mark.slow
 def test_many_random_specimens() -> None:
-    judge_random(RotatingBlockPushes, count=25, seed=42)
+    judge_random(RotBoardInertia, count=25, seed=42)

@@ -36,7 +36,7 @@ LIGHTEST, HEAVIEST = 15.0, 21300.0
 """Densities of a bar: foam, platinum [kg/m³]."""
 
 
-class RotatingBlockPushes(Phenomenon, domain="mechanics"):
+class RotBoardInertia(Phenomenon, domain="mechanics"):
     """Rotating block pushes other objects: a bar on a post strikes a puck, or sends it outwards along its side."""
 
     event: Annotated[
@@ -192,7 +192,7 @@ class RotatingBlockPushes(Phenomenon, domain="mechanics"):
         """Of the bar and of what it strikes or pushes, about the axle (T,)."""
         return np.asarray(self.inertia * run.joint_speed(AXLE) + run.angular_momentum(self.body)[:, 2])
 
-    def staged(self, run: Run, event: str, **changes: Any) -> tuple[RotatingBlockPushes, Run]:
+    def staged(self, run: Run, event: str, **changes: Any) -> tuple[RotBoardInertia, Run]:
         """The specimen with another event, and its run: this one, or a twin."""
         there = self.make(**(self.values() | {"event": event} | changes))
         return there, run if there == self else run.again(event=event, **changes)
