@@ -102,16 +102,19 @@ class Watch(control.Task):  # type: ignore[misc]
 
     def __init__(self, compiled: Compiled) -> None:
         self._end = (compiled.samples - compiled.stride) * compiled.steps * compiled.step
+        self._own = np.zeros(compiled.model.nu)
+        for name, value in compiled.scene.control.items():
+            self._own[compiled.model.actuator(name).id] = value
 
     def initialize_episode(self, physics: Physics) -> None:
         """The scene starts as it was built: `Physics.reset` has done it."""
 
     def before_step(self, action: Any, physics: Physics) -> None:
-        """Hand the action to the actuators."""
-        physics.set_control(action)
+        """Hand the action to the actuators, on top of what the scene itself asks of them."""
+        physics.set_control(self._own + action)
 
     def action_spec(self, physics: Physics) -> Any:
-        """One bounded number per actuator; shape (0,) for a scene that has none."""
+        """One number per actuator, added to the scene's own; shape (0,) for a scene that has none."""
         return engine.action_spec(physics)
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, Any]:

@@ -349,6 +349,7 @@ class Stepper:
         if self._crowded:
             before = len(solver.impacts)
             solver.slide(data, left, crowded=True)
+            self._forward()
             self._crowded = len(solver.impacts) > before + _QUIET
             return
         for events in range(_MAX_EVENTS):
@@ -365,6 +366,7 @@ class Stepper:
                 continue
             if self._crowded:
                 solver.slide(data, left, crowded=True)
+                self._forward()
                 return
             piece = min(left, soonest, due)
             state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
