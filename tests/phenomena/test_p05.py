@@ -88,6 +88,7 @@ def test_a_wind_that_does_not_fade_is_found_out() -> None:
     assert {THRESHOLD, WORK, TOPPLE, ROLL} <= failed(run)
 
 
+@pytest.mark.slow
 def test_ten_seconds_at_99_percent_of_the_threshold() -> None:
     specimen = specimen_of(nominal(5, DRAFT))
     run = blow(force=0.99 * specimen.critical())

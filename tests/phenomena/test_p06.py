@@ -88,6 +88,7 @@ def test_without_wind_nothing_changes_the_speed() -> None:
     assert np.abs(specimen.velocity(run)[before] / specimen.speed - 1).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_twice_the_mass_and_force_move_alike() -> None:
     run = nominal(6, DRAFT)
     twin = run.again(mass=2 * run.specimen.mass, force=2 * run.specimen.force)  # type: ignore[attr-defined]

@@ -71,6 +71,7 @@ class Afloat(RollDownSlope, domain="mechanics"):
         scene.touching.clear()
 
 
+@pytest.mark.slow
 def test_the_fabricated_truth_is_not_told_from_the_truth(run: Run) -> None:
     """So the failures below are those of the physics, not of the fabrication."""
     true = keyframed(run, run.specimen.accelerations())  # type: ignore[attr-defined]

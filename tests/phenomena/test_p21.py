@@ -123,6 +123,7 @@ def test_the_brick_on_a_steep_plank_slides_to_its_foot() -> None:
     assert np.linalg.norm(run.velocity("resting/block")[-1]) < 1e-6
 
 
+@pytest.mark.slow
 def test_extremes() -> None:
     assert not failed(lane(speed=4.0, friction=0.9, rough=0.9, smooth=0.9, density=21300.0))
 

@@ -138,6 +138,7 @@ def test_windings_that_touch_stop_it(way: str) -> None:
     assert judge(run, "compresses_by_its_speed").verdict != "failed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [

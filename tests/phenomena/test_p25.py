@@ -175,6 +175,7 @@ def test_extremes(values: dict[str, Any]) -> None:
     assert not failed(throw(**values))
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     rng = np.random.default_rng(0)
     for _ in range(3):

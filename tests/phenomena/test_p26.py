@@ -146,6 +146,7 @@ def test_the_rope_that_is_seen_is_the_rope_that_pulls(tied: str) -> None:
     assert not slack.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [

@@ -133,6 +133,7 @@ def test_refuses_a_block_over_the_rim() -> None:
         fly(radius=0.45)
 
 
+@pytest.mark.slow
 def test_extremes() -> None:
     fast = fly(top=12.0, rate=8.0, first=8.0, radius=0.9, rim=1.0, height=1.0)
     assert not failed(fast)

@@ -131,6 +131,7 @@ def test_a_mirrored_push_mirrors_the_swing() -> None:
     assert np.abs(start[::-1] * (-1, 1) + (run.specimen.gap, 0) - mirrored).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_extremes() -> None:
     heavy = chain(load=20.0, span=0.95, push=0.5, mass=0.005)
     assert law(heavy, "joints_stay_closed") == law(heavy, "links_lie_along_their_pull") == "passed"
@@ -151,6 +152,7 @@ def test_many_random_specimens() -> None:
         assert not failed(simulate_specimen(specimen, fidelity=DRAFT)), specimen
 
 
+@pytest.mark.slow
 def test_random_specimens() -> None:
     rng = np.random.default_rng(4)
     for links in (9, 12):

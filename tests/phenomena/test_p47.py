@@ -108,6 +108,7 @@ def test_unstable_equilibria_are_refused(angles: tuple[float, float]) -> None:
         simulate(DoublePendulum, fidelity=DRAFT, angle1=angles[0], angle2=angles[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "extreme",
     [

@@ -34,6 +34,7 @@ def test_the_ball_brings_the_wall_down(hit: Run) -> None:
     assert hit.motion.kinetic[-1] < 1e-2 * hit.motion.kinetic[0]
 
 
+@pytest.mark.slow
 def test_every_law_holds_on_a_small_wall(hit: Run) -> None:
     assert not failed(hit)
 
