@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from math import asin, cos, inf, pi, sin, sqrt
 from typing import Annotated, Final
@@ -122,18 +123,18 @@ class NearPillar(Phenomenon, domain="mechanics"):
     settling: Annotated[float, Param("1/s", 0.0, 3.0, "rate at which small swings of a seat die away")] = 0.0
     inertia: Annotated[float, Param("kg m²", 0.3, 2.0, "of the pillar about its axis, without seats")] = 0.8
 
+    @abstractmethod
     def omega(self, t: ArrayLike) -> Array:
         """Angular velocity that the pillar is to have [rad/s]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def phase(self, t: ArrayLike) -> Array:
         """Angle that it is to have turned by [rad]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def fastest(self) -> float:
         """Highest angular velocity in a scene [rad/s]."""
-        raise NotImplementedError
 
     @property
     def carousel(self) -> Carousel:
