@@ -169,8 +169,8 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         first = optics.trace(run, "laser").geoms[:, 0]
         return np.where(first < 0, -1, run.model.geom_bodyid[first])
 
-    def should_meet(self, run: Run, margin: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Number of the body that it ought to meet first (T,), and whether on a silvered face (T,).
+    def should_meet(self, run: Run, margin: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.bool_], Array]:
+        """Number of the body that it ought to meet first (T,), whether on a silvered face (T,), how far away (T,) [m].
 
         From the planes of the shards, the sphere of the ball and the boxes of all that stands; not from meshes.
         margin: by which everything is thicker [m]
@@ -205,7 +205,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         along, gap = out @ way, (out**2).sum(axis=1) - (self.radius + margin) ** 2
         root = along**2 - gap
         meet(np.where((root > 0) & (along < 0), -along - np.sqrt(np.maximum(root, 0)), np.inf), "ball/ball")
-        return who, silvered
+        return who, silvered, nearest
 
     @law("d' = d - 2 (d·n) n", source="Euclid, Catoptrics, prop. 1; Born & Wolf, Principles of Optics, §3.2.2",
          within=(1e-9, 1e-9, 1e-9), unit="rad", limited_by="round-off: nothing here depends on the step")  # fmt: skip
@@ -238,22 +238,23 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
 
     def certain(self, run: Run) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """What it ought to meet first (T,), -2 where it passes too near an edge to say, and whether silvered (T,)."""
-        (who, silvered), others = self.should_meet(run), [self.should_meet(run, side * SURE) for side in (-1, 1)]
-        sure = np.all([(who == w) & (silvered == s) for w, s in others], axis=0)
+        who, silvered, _ = self.should_meet(run)
+        others = [self.should_meet(run, side * SURE) for side in (-1, 1)]
+        sure = np.all([(who == w) & (silvered == s) for w, s, _ in others], axis=0)
         return np.where(sure, who, -2), silvered & sure
 
     @law("what is nearest along the ray is met", source="by definition: a ray; Born & Wolf, Principles of Optics, "
-         "§3.2.1", within=(0.5, 0.5, 0.5), unit="1", limited_by="exact: right or wrong")  # fmt: skip
+         "§3.2.1", within=(1e-6, 1e-6, 1e-6), unit="m", limited_by="vertices of meshes in single precision")  # fmt: skip
     def beam_goes_on_where_no_shard_is(self, run: Run) -> Measurement:
-        """25c: which body the beam meets first, at every sample: shard, frame, ball, or the wall behind."""
+        """25c: way of the beam at every sample, to the shard, frame, ball or wall behind that it ought to meet first;
+        NaN if it meets another, or is not thrown back by silver, or by what is none."""
         who, silvered = self.certain(run)
-        sure = who > -2
         rays = optics.trace(run, "laser")
         bounced = rays.geoms[:, 1] > optics.NO_RAY if rays.geoms.shape[1] > 1 else np.zeros(len(run), bool)
-        return (
-            np.concatenate([self.meets(run)[sure], bounced[sure]]),
-            np.concatenate([who[sure], silvered[sure]]),
-        )
+        right = (self.meets(run) == who) & (bounced == silvered)
+        way = np.linalg.norm(rays.points[:, 1] - rays.points[:, 0], axis=1)
+        sure = who > -2
+        return np.where(right, way, np.nan)[sure], self.should_meet(run)[2][sure]
 
     @law("Σ A_k = w h", source="by definition: area", within=(1e-3, 1e-3, 1e-3),
          limited_by="shards are set back from each other by ten micrometres")  # fmt: skip

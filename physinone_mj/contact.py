@@ -112,7 +112,9 @@ CLOSURE: Final = 0.5
 """Fraction of an equality's gap closed in one whole step; all of it would ring."""
 
 _TOGETHER: Final = 0.9
-"""Bonds loaded to within this of the worst break together; then the load is shared anew."""
+_AT_ONCE: Final = 1 / 8
+"""Bonds loaded to within the first of the worst break together, and so does the second, at least, of those that are
+overloaded, the worst of them; then the load is shared anew."""
 
 STILL: Final = 1e-8
 """A free body slower than this [m/s] for `_STILL_STEPS` steps, with all that it touches, is put to sleep."""
@@ -121,6 +123,10 @@ _STILL_STEPS: Final = 10
 NEAR: Final = 1e-7
 """Gaps up to this [m] are closed at the pace at which penetrations are taken back: the corners of a resting face, some
 of them a hair above and some below, then agree on how it moves."""
+
+
+BLUR: Final = 2.0**-23
+"""Vertices of meshes are known to single precision: gaps up to this fraction of their size are none."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +161,66 @@ class Surface:
             restitution=(self.restitution + other.restitution) / 2,
             static=(self.static_friction + other.static_friction) / 2,
         )
+
+
+_SPIN_ROUNDS: Final = 20
+_MOST_TURN: Final = 0.25
+"""Turned by more than this in a step [rad], what flies is advanced by shorter steps."""
+
+
+@njit(cache=True)
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@njit(cache=True)
+def _solve3(columns: Array, right: Array) -> Array:
+    """x of x₀ columns₀ + x₁ columns₁ + x₂ columns₂ = right (G. Cramer's rule); not finite if they lie in a plane."""
+    a, b, c = columns
+    volume = np.sum(a * _cross(b, c))
+    if volume == 0.0:
+        return np.full(3, np.inf)
+    return np.array([np.sum(right * _cross(b, c)), np.sum(right * _cross(c, a)), np.sum(right * _cross(a, b))]) / volume
+
+
+@njit(cache=True)
+def _mean_spins(dof: NDArray[np.int32], inertia: Array, velocity: Array, dt: float) -> None:
+    """Replace the spins of free bodies by those of the middle of a step that has no torques but the gyroscopic.
+
+    ω̄ = ω - (dt/2) I⁻¹ (ω̄ × I ω̄): the implicit midpoint rule, which keeps ω·Iω and |Iω| whatever the step; an explicit
+    one winds up what spins fast. What turns so far in a step that Newton's method does not find ω̄ keeps its axis.
+    inertia: (n, 3, 3) about the axes of the body, in which its spin velocity[dof + 3 : dof + 6] is given, too
+    """
+    slope = np.empty((3, 3))
+    for i in range(dof.shape[0]):
+        d, tensor = dof[i] + 3, inertia[i]
+        first = velocity[d : d + 3].copy()
+        size = np.sum(np.abs(first))
+        mean, found = first.copy(), size == 0.0
+        for _ in range(_SPIN_ROUNDS):
+            if found:
+                break
+            angular = tensor @ mean
+            missing = tensor @ (mean - first) + 0.5 * dt * _cross(mean, angular)
+            for k in range(3):  # the derivative by each component
+                axis = np.zeros(3)
+                axis[k] = 1.0
+                slope[k] = tensor[k] + 0.5 * dt * (_cross(axis, angular) + _cross(mean, tensor[k]))
+            change = _solve3(slope, missing)
+            mean -= change
+            found = np.sum(np.abs(change)) <= 1e-13 * size
+        if not found:
+            mean[:] = 0.0
+        velocity[d : d + 3] = mean
+
+
+@njit(cache=True)
+def _leave_out_gyroscopic(dof: NDArray[np.int32], inertia: Array, velocity: Array, acceleration: Array) -> None:
+    """Take from the accelerations of free bodies what their own turning at these velocities causes."""
+    for i in range(dof.shape[0]):
+        d = dof[i] + 3
+        spin = velocity[d : d + 3].copy()
+        acceleration[d : d + 3] += _solve3(inertia[i], _cross(spin, inertia[i] @ spin))
 
 
 @njit(cache=True)
@@ -230,16 +296,17 @@ class NotSettled(ArithmeticError):
 @njit(cache=True)
 def _reach(
     body_of: NDArray[np.int32], root_of: NDArray[np.int32], radius: Array, where: Array, cvel: Array, com: Array
-) -> float:
-    """Fastest that any two surfaces of the scene can approach each other [m/s]."""
-    fastest = 0.0
+) -> tuple[float, float]:
+    """Fastest that any two surfaces of the scene can approach each other [m/s], and that any turns [rad/s]."""
+    fastest = quickest = 0.0
     for g in range(body_of.shape[0]):
         v, centre = cvel[body_of[g]], com[root_of[body_of[g]]]
         spin = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
         arm = radius[g] + np.sqrt(np.sum((where[g] - centre) ** 2))
         if spin > 0.0 or radius[g] > 0.0:
             fastest = max(fastest, np.sqrt(v[3] ** 2 + v[4] ** 2 + v[5] ** 2) + spin * arm)
-    return 2.0 * fastest
+            quickest = max(quickest, spin)
+    return 2.0 * fastest, quickest
 
 
 @njit(cache=True)
@@ -367,6 +434,7 @@ def _aim(
     kinetic: Array,
     static: Array,
     touch: Array,
+    blur: Array,
     velocity: Array,
     drift: Array,
     target: Array,
@@ -395,6 +463,7 @@ def _aim(
             # the gap of the middle of the piece, from which a straight way strays where surfaces curve or turn; half of
             # the motion is left to close it
             gap = dist[i] - drift[row] * dt / 8
+            gap -= min(max(gap, -blur[pair]), blur[pair])
             open_, shut = max(gap - NEAR, 0.0), max(min(gap, NEAR) * PUSH_OUT / step, -cut)
             turned = 0.5 * drift[row] if gap < NEAR else 0.0
             target[row] = -(normal + turned) / dt - 2.0 * (open_ / dt + shut) / dt
@@ -497,6 +566,10 @@ class Solver:
         self._kinetic = np.array([s.friction for s in surfaces])
         self._sticking = np.array([s.static_friction for s in surfaces])
         self._touch = np.full(len(surfaces), TOUCH)
+        self._blur = np.zeros(len(surfaces))
+        for geoms in (model.pair_geom1, model.pair_geom2):
+            meshes = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH
+            self._blur[: model.npair] += BLUR * model.geom_rbound[geoms] * meshes
         self._motors = joined.motors
         self._course = np.zeros(model.nv)
         self._prescribed = np.zeros(model.nv)
@@ -515,7 +588,15 @@ class Solver:
         self._limited = bool(model.jnt_limited.any() or model.tendon_limited.any())
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         alone = np.bincount(model.body_rootid, minlength=model.nbody)[model.jnt_bodyid[free]] == 1
-        free = free[alone] if not (model.ntendon or model.nu) else free[:0]
+        free = free[alone]
+        top = free[np.abs(model.body_ipos[model.jnt_bodyid[free]]).max(axis=1) < 1e-12]
+        self._tops, turn = model.jnt_dofadr[top], np.empty(9)
+        self._inertia = np.empty((len(top), 3, 3))
+        for i, body in enumerate(model.jnt_bodyid[top]):
+            mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+            axes = turn.reshape(3, 3)
+            self._inertia[i] = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        free = free if not (model.ntendon or model.nu) else free[:0]
         self._free_body, self._free_dof = model.jnt_bodyid[free], model.jnt_dofadr[free]
         self._free_place = model.jnt_qposadr[free]
         of = [model.geom_rbound[model.geom_bodyid == b] for b in self._free_body]
@@ -523,10 +604,11 @@ class Solver:
         self._static = model.body_weldid == 0
         self._still, self._heap = np.zeros(model.nbody, np.int32), np.zeros(model.nbody, np.int32)
         self._asleep = np.empty(0, int)
-        self._cut = self._step = 0.0
+        self._cut = self._step = self._spin = 0.0
         self._speed = np.empty(0)
         self._shifts = self._trend = np.empty(0)
         self._before: _Before | None = None
+        self._borne: Array | None = None
         self._acceleration: Array | None = None
         self.impacts: list[Impact] = []
         self.breaks: list[Break] = []
@@ -545,7 +627,9 @@ class Solver:
         bend = max((cup.bend(self._model, data) for cup in self._cups), default=0.0)
         self._cut, self._step = max(gravity, bend) * dt, dt
         m = self._model
-        reach = _reach(m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com)
+        reach, self._spin = _reach(
+            m.geom_bodyid, m.body_rootid, m.geom_rbound, data.geom_xpos, data.cvel, data.subtree_com
+        )
         ahead = 2 * dt * (reach + self._cut)
         m.pair_margin[:] = np.where(self._one, _NEVER, max(4 * self._cut * dt, 2 * TOUCH))
         m.pair_gap[:] = ahead
@@ -658,21 +742,33 @@ class Solver:
                 )
             )
 
+    def _load(self, force: Array) -> Array:
+        """|F| + |M|/lever of the bonds' rows (n, 6)."""
+        moment = np.linalg.norm(force[:, 3:], axis=1) / 2  # a weld's rows of rotation measure half the angle
+        return np.asarray(np.linalg.norm(force[:, :3], axis=1) + moment / self._lever)
+
     def _break(self, data: Any, time: float) -> bool:
         """Break the worst loaded of the bonds, if any is beyond its strength; contacts and rows are then made anew.
 
-        time: what the rows' forces are divided by to be newtons
+        time: what the rows' forces are divided by to be newtons. Of a step's force and its mean with that of the step
+        before the smaller counts: a weld that begins to turn bears 5/8 of its load in the first step and 11/8 in the
+        second. Impacts that a crowded step takes at its middle load bonds with their impulse over the step, not over
+        `CONTACT_TIME`.
         """
         alive = data.eq_active[self._bonded].astype(bool)
         if not alive.any():
             return False
         rows = np.searchsorted(data.efc_id[: data.ne], self._bonded)
         force = data.efc_force[np.minimum(rows, max(data.nefc - 6, 0))[:, None] + np.arange(6)]
-        pull, moment = np.linalg.norm(force[:, :3], axis=1), np.linalg.norm(force[:, 3:], axis=1) / 2
-        load = np.where(alive, (pull + moment / self._lever) / (time * self._strength), 0.0)
-        if load.max() <= 1.0:
+        last, self._borne = self._borne, force if time == 1.0 else None
+        load = self._load(force)
+        if last is not None and self._borne is not None:
+            load = np.minimum(load, self._load((force + last) / 2))
+        load = np.where(alive, load / (time * self._strength), 0.0)
+        worst = np.sort(load[load > 1.0])[::-1]
+        if not len(worst):
             return False
-        for i in np.flatnonzero(load >= max(1.0, _TOGETHER * load.max())):
+        for i in np.flatnonzero(load >= max(1.0, min(_TOGETHER * worst[0], worst[int(_AT_ONCE * len(worst))]))):
             data.eq_active[self._bonded[i]] = 0
             alive[i] = False
             self.breaks.append(Break(float(data.time), self._bonds[i][1].weld, float(load[i] * self._strength[i])))
@@ -685,17 +781,18 @@ class Solver:
         if data.nefc:
             mujoco.mj_mulJacVec(self._model, data, data.efc_vel, data.qvel)
         self._shifts = self._trend = np.empty(0)
-        self._before = None
+        self._before = self._borne = None
         return True
 
     def fly(self, data: Any, dt: float) -> None:
         """What touches nothing moves by Runge-Kutta."""
         option = self._model.opt
-        flags, option.timestep = option.disableflags, dt
+        pieces = math.ceil(max(self._spin * dt / _MOST_TURN, 1.0))
+        flags, option.timestep = option.disableflags, dt / pieces
         option.disableflags = flags | _DISABLE.mjDSBL_CONTACT | _DISABLE.mjDSBL_CONSTRAINT
         asleep = len(self._asleep) > 0
         before = data.qpos.copy() if asleep else data.qpos
-        mujoco.mj_step(self._model, data)
+        mujoco.mj_step(self._model, data, pieces)
         option.disableflags = flags
         if asleep:
             data.qvel[self._asleep] = 0.0
@@ -717,9 +814,11 @@ class Solver:
         velocity = data.qvel.copy()
         if self._acceleration is not None:  # forces that depend on velocity are those of the middle, too
             data.qvel += dt / 2 * self._acceleration
+        _mean_spins(self._tops, self._inertia, data.qvel, dt)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
+        middle = data.qvel.copy()
         data.qvel[:] = velocity
         mujoco.mj_comVel(model, data)
         if data.nefc:
@@ -736,7 +835,10 @@ class Solver:
             self._report(data, dt, met)
         data.qacc[self._asleep] = 0.0
         data.qvel += dt * data.qacc
-        self._acceleration = data.qacc.copy() if dt > self._step / 2 and not crowded else None
+        self._acceleration = None
+        if dt > self._step / 2 and not crowded:
+            self._acceleration = data.qacc.copy()
+            _leave_out_gyroscopic(self._tops, self._inertia, middle, self._acceleration)
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         data.time += dt
 
@@ -753,27 +855,34 @@ class Solver:
 
     def remember(self) -> tuple[Any, ...]:
         """What the last step left for the next; to be recalled if that is tried again."""
-        return self._before, self._acceleration, self._shifts, self._trend, len(self.impacts), len(self.breaks)
+        last = self._before, self._borne, self._acceleration, self._shifts, self._trend
+        return *last, len(self.impacts), len(self.breaks)
 
     def recall(self, memory: tuple[Any, ...]) -> None:
         """As it was when `remember` was called; bonds that have broken since stay broken."""
-        self._before, self._acceleration, self._shifts, self._trend, impacts, _ = memory
+        self._before, self._borne, self._acceleration, self._shifts, self._trend, impacts, _ = memory
         del self.impacts[impacts:]
 
     def _solve(self, data: Any, dt: float, *, impact: bool = False, crowded: bool = False) -> None:
         """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc.
 
         What is jammed between things that do not yield cannot be pushed out of them: then overlaps stay as they are.
+        Nor can it bounce off all of them: then it does not.
         """
-        if impact or not self._settle(data, dt, self._step, _LONG, crowded=crowded):
+        tries = [(math.inf, 1.0, _MAX_SHIFTS), (math.inf, 0.0, _MAX_SHIFTS)]
+        if not impact:
+            tries = [(self._step, 1.0, _LONG), (math.inf, 1.0, 2 * _LONG), *tries[1:]]
+        for step, bounce, most in tries:
+            if self._settle(data, dt, step, most, bounce=bounce, impact=impact, crowded=crowded):
+                return
             self._shifts = self._trend = np.empty(0)
-            if not self._settle(data, dt, math.inf, _MAX_SHIFTS, impact=impact, crowded=crowded):
-                raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
+        raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
 
     def _settle(
-        self, data: Any, dt: float, step: float, most: int, *, impact: bool = False, crowded: bool = False
+        self, data: Any, dt: float, step: float, most: int, *, bounce: float, impact: bool, crowded: bool
     ) -> bool:
-        """Whether the solution was found; gaps are closed at the pace of one `step`, never if that is infinite."""
+        """Whether the solution was found in so many; gaps are closed at the pace of one `step`, never if that is
+        infinite; bounce: fraction of every pair's restitution."""
         model, c = self._model, data.contact
         address, dim, friction = c.efc_address, c.dim, c.friction
         reference, force, regulariser, velocity = data.efc_aref, data.efc_force, data.efc_R, data.efc_vel
@@ -783,8 +892,8 @@ class Solver:
         if step < math.inf and self._before is not None:
             now.drift(self._before, self._turns, drift)
         _aim(
-            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, self._restitution,
-            self._kinetic, self._sticking, self._touch, velocity, drift, target, self._cut, dt, step, impact, crowded,
+            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, bounce * self._restitution,
+            self._kinetic, self._sticking, self._touch, self._blur, velocity, drift, target, self._cut, dt, step, impact, crowded,
         )  # fmt: skip
         if len(target):
             for dof, motor in self._motors:

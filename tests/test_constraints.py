@@ -693,12 +693,9 @@ def dumbbell(strength: float, *, rate: float = 0.0, speed: float = 0.0, touch: b
     return run(what)
 
 
-@pytest.mark.parametrize("share", [0.5, 1.5])
+@pytest.mark.parametrize("share", [0.99, 1.01])
 def test_breaking_changes_no_momentum(share: float) -> None:
-    """What spins pulls with m ω² r; the break lets the balls go, each along its tangent.
-
-    A weld that starts to turn finds its pull within two steps, in which it is between 5/8 and 11/8 of what it should.
-    """
+    """What spins pulls with m ω² r; the break lets the balls go, each along its tangent."""
     rate = 6.0
     seen = dumbbell(share * 1.0 * rate**2 * 0.15, rate=rate)
     momentum = seen.momentum("near") + seen.momentum("far")
@@ -707,9 +704,12 @@ def test_breaking_changes_no_momentum(share: float) -> None:
     spin = seen.angular_momentum("near") + seen.angular_momentum("far")
     energy = seen.kinetic("near") + seen.kinetic("far")
     if share < 1:
-        assert seen.breaks[0].load == pytest.approx(rate**2 * 0.15, rel=0.4)
-        assert np.abs(spin - spin[0]).max() < 1e-12
-        assert np.abs(energy - energy[0]).max() < 1e-12
+        assert seen.breaks[0].load == pytest.approx(rate**2 * 0.15, rel=2e-3)
+        assert np.abs(spin - spin[0]).max() < 1e-8  # held for one step, see below
+        assert np.abs(energy - energy[0]).max() < 2e-4
+        after = seen.t > seen.breaks[0].time + seen.step
+        assert np.ptp(spin[after], axis=0).max() < 1e-12
+        assert np.ptp(energy[after]) < 1e-12
     else:
         assert np.abs(spin - spin[0]).max() < 1e-4
         assert np.abs(energy - energy[0]).max() < 2e-3
@@ -745,6 +745,30 @@ def test_the_same_instant_solved_again_creates_no_energy(strength: float, speed:
     assert np.diff(energy).max() < 1e-12 * energy[0]
     momentum = np.sum([seen.momentum(name) for name in ("near", "far", "ball")], axis=0)
     assert np.abs(momentum - [0.5 * speed, 0, 0]).max() < 1e-12 * speed
+
+
+# Spins
+
+
+@pytest.mark.parametrize("rate", [30.0, 300.0, 3000.0])
+@pytest.mark.parametrize("slides", [True, False])
+def test_a_fast_splinter_keeps_its_energy(rate: float, slides: bool) -> None:
+    """A box that tumbles about its middle axis, at 240 steps a second, beside another that slides, or flies, too."""
+    what, rough = scene(duration=0.5), Surface(friction=0.5)
+    what.material("stage/floor", 1000.0, rough)
+    free(what, "box", BOX, [0.05] * 3, 1.0, (0, 0, 0.05 if slides else 5), (3, 0, 0), rough)
+    free(what, "splinter", BOX, (0.01, 0.02, 0.05), 0.1, (2, 0, 5), (0, 0, 0), None, (0.1 * rate, rate, 0.02 * rate))
+    what.touch("stage/floor", "box")
+    seen = run(what)
+    spin, inertia = seen.qvel[:, -3:], seen.model.body("splinter").inertia
+    axes = np.empty(9)
+    mujoco.mju_quat2Mat(axes, seen.model.body("splinter").iquat)
+    spin = spin @ axes.reshape(3, 3)
+    energy, angular = spin**2 @ inertia / 2, np.linalg.norm(spin * inertia, axis=1)
+    assert np.ptp(spin[:, 0]) > rate / 10 or rate > 1000, "it does not tumble"
+    within = 1e-10 if slides else 2e-2
+    assert np.abs(energy / energy[0] - 1).max() < within
+    assert np.abs(angular / angular[0] - 1).max() < within
 
 
 # Crowds
