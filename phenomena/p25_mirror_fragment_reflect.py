@@ -176,7 +176,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         margin: by which everything is thicker [m]
         """
         start, way = self.source
-        nearest, who = np.full(len(run), np.inf), np.full(len(run), -1)
+        nearest, who = np.full(len(run), run.scene.beams[0].reach), np.full(len(run), -1)
         silvered = np.zeros(len(run), bool)
 
         def meet(far: Array, body: str, face: NDArray[np.bool_] | bool = False) -> None:
@@ -244,7 +244,7 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         return np.where(sure, who, -2), silvered & sure
 
     @law("what is nearest along the ray is met", source="by definition: a ray; Born & Wolf, Principles of Optics, "
-         "§3.2.1", within=(1e-6, 1e-6, 1e-6), unit="m", limited_by="vertices of meshes in single precision")  # fmt: skip
+         "§3.2.1", within=(1e-6, 1e-6, 1e-6), unit="m", limited_by="meshes are of single precision")  # fmt: skip
     def beam_goes_on_where_no_shard_is(self, run: Run) -> Measurement:
         """25c: way of the beam at every sample, to the shard, frame, ball or wall behind that it ought to meet first;
         NaN if it meets another, or is not thrown back by silver, or by what is none."""

@@ -180,7 +180,8 @@ def _solve3(columns: Array, right: Array) -> Array:
     volume = np.sum(a * _cross(b, c))
     if volume == 0.0:
         return np.full(3, np.inf)
-    return np.array([np.sum(right * _cross(b, c)), np.sum(right * _cross(c, a)), np.sum(right * _cross(a, b))]) / volume
+    x = np.array([np.sum(right * _cross(b, c)), np.sum(right * _cross(c, a)), np.sum(right * _cross(a, b))])
+    return np.asarray(x / volume)
 
 
 @njit(cache=True)
@@ -892,8 +893,9 @@ class Solver:
         if step < math.inf and self._before is not None:
             now.drift(self._before, self._turns, drift)
         _aim(
-            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of, bounce * self._restitution,
-            self._kinetic, self._sticking, self._touch, self._blur, velocity, drift, target, self._cut, dt, step, impact, crowded,
+            c.dist, c.geom, address, dim, friction, c.mu, self._speed, c.surfacevel, self._pair_of,
+            bounce * self._restitution, self._kinetic, self._sticking, self._touch, self._blur, velocity, drift, target,
+            self._cut, dt, step, impact, crowded,
         )  # fmt: skip
         if len(target):
             for dof, motor in self._motors:
