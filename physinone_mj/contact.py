@@ -79,8 +79,14 @@ _NEVER: Final = -1e6
 _MANY: Final = 32
 _AT_FIRST: Final = 1e-7
 """Where more contacts than this bear on each other, what is asked of them is eased with every solution, tenfold every
-third, from this [m/s] on: colliding in a heap, at metres per second, they settle to a centimetre per second within 15
-solutions; at rest, from step to step, to the last digit."""
+second, from this [m/s] on: colliding in a heap, at metres per second, they settle to a centimetre per second within
+ten solutions; at rest, from step to step, to the last digit."""
+
+_ROUNDS: Final = 100
+_FEW_ROUNDS: Final = 8
+_LIVELY: Final = 1e-3
+"""Rounds of Newton's method in one solution. In such a heap, as long as any of it meets faster than this [m/s], the
+references move on before the solution is found exactly."""
 
 _OPEN: Final = -1e15
 """Target of a row that must not act: no motion is that slow."""
@@ -119,6 +125,9 @@ overloaded, the worst of them; then the load is shared anew."""
 STILL: Final = 1e-8
 """A free body slower than this [m/s] for `_STILL_STEPS` steps, with all that it touches, is put to sleep."""
 _STILL_STEPS: Final = 10
+_CROWD_STILL: Final = 1e-4
+_CROWD_STILL_TIME: Final = 0.1
+"""The same in a heap of more than `_MANY` contacts [m/s, s], whose solution is no more exact than that."""
 
 NEAR: Final = 1e-7
 """Gaps up to this [m] are closed at the pace at which penetrations are taken back: the corners of a resting face, some
@@ -237,8 +246,10 @@ def _doze(
     held: NDArray[np.bool_],
     still: NDArray[np.int32],
     heap: NDArray[np.int32],
+    slow: float,
+    steps: int,
 ) -> bool:
-    """Count for how many steps every free body has been still; put to sleep the heaps that have been so long enough.
+    """Count for how many steps every free body has been slow; put to sleep the heaps that have been so long enough.
 
     heap: (nbody,) 0 for who is awake, otherwise the number of the heap that wakes together. True if any fell asleep.
     """
@@ -250,11 +261,11 @@ def _doze(
         pushed = held[b]
         for k in range(6):
             pushed = pushed or applied[b, k] != 0.0
-        still[b] = 0 if pushed or v + w * radius[i] > STILL else still[b] + 1
-        candidates = candidates or (still[b] >= _STILL_STEPS and heap[b] == 0)
+        still[b] = 0 if pushed or v + w * radius[i] > slow else still[b] + 1
+        candidates = candidates or (still[b] >= steps and heap[b] == 0)
     if not candidates:
         return False
-    ripe = (still >= _STILL_STEPS) & (heap == 0)
+    ripe = (still >= steps) & (heap == 0)
     label = np.arange(ripe.shape[0])
     changed = True
     while changed:
@@ -653,9 +664,12 @@ class Solver:
         m, active = self._model, data.eq_active.astype(bool)
         held = np.zeros(m.nbody, bool)
         held[m.eq_obj1id[active]] = held[m.eq_obj2id[active]] = True
+        slow, steps = STILL, _STILL_STEPS
+        if self.crowd(data):
+            slow, steps = _CROWD_STILL, math.ceil(_CROWD_STILL_TIME / self._step)
         if _doze(
             self._free_body, self._free_dof, self._free_radius, data.qvel, data.xfrc_applied, data.contact.geom,
-            m.geom_bodyid, self._static, held, self._still, self._heap,
+            m.geom_bodyid, self._static, held, self._still, self._heap, slow, steps,
         ):  # fmt: skip
             self._count()
             data.qvel[self._asleep] = 0.0
@@ -854,6 +868,10 @@ class Solver:
                                data.efc_id.copy(), data.efc_vel.copy(), dt)  # fmt: skip
         data.qpos[:] = place
 
+    def crowd(self, data: Any) -> bool:
+        """Whether more contacts bear on each other than are solved to the last digit."""
+        return bool(np.count_nonzero(data.contact.efc_address >= 0) > _MANY)
+
     def remember(self) -> tuple[Any, ...]:
         """What the last step left for the next; to be recalled if that is tried again."""
         last = self._before, self._borne, self._acceleration, self._shifts, self._trend
@@ -911,7 +929,8 @@ class Solver:
             reference += ahead * (target > _OPEN)
         reached = np.empty(len(target))
         nearest, waited, relax = np.inf, 0, 1.0
-        many = np.count_nonzero(address >= 0) > _MANY
+        many = self.crowd(data)
+        model.opt.iterations = _FEW_ROUNDS if many and self._speed.min() < -_LIVELY else _ROUNDS
         nearly = _NEARLY * max(1.0, -float(self._speed.min(initial=0.0)))
         for solutions in range(1, most + 1):
             mujoco.mj_fwdConstraint(model, data)
@@ -920,7 +939,7 @@ class Solver:
             moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax) * dt
             if moved < _SETTLED or (solutions >= _LONG and moved < nearly):
                 break
-            if many and moved < _AT_FIRST * 10 ** (solutions / 3):
+            if many and moved < _AT_FIRST * 10 ** (solutions / 2):
                 break
             if moved < nearest / 2:
                 nearest, waited = moved, 0

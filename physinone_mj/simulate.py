@@ -15,6 +15,7 @@ Impacts too gentle to lift off for a whole step (e |v| < g h) are taken as inela
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import math
 import time as clock
@@ -44,7 +45,10 @@ OVERSAMPLING: Final = 8
 
 _MAX_EVENTS: Final = 1000
 _CROWD: Final = 4
-"""Impacts in one step after which the rest of it, and the steps that follow, take theirs all at once."""
+"""Impacts in one step after which the rest of it, and the steps that follow, take theirs all at once; in a heap of many
+contacts the first one is enough."""
+_RETRIES: Final = 3
+"""Times that the instant of an impact is looked for in such a heap."""
 _QUIET: Final = 2
 """Impacts in such a step at which they are taken one by one again."""
 _MAX_STEPS: Final = 20_000_000
@@ -362,7 +366,7 @@ class Stepper:
             if gap <= contact.TOUCH:
                 solver.impact(data)
                 mujoco.mj_fwdVelocity(model, data)
-                self._crowded = events > _CROWD
+                self._crowded = events > _CROWD or solver.crowd(data)
                 continue
             if self._crowded:
                 solver.slide(data, left, crowded=True)
@@ -371,7 +375,7 @@ class Stepper:
             piece = min(left, soonest, due)
             state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
             memory = solver.remember()
-            while True:
+            for tries in itertools.count():
                 (solver.slide if engaged else solver.fly)(data, piece)
                 self._forward()
                 back, gap, _ = solver.look(data, left)
@@ -381,6 +385,10 @@ class Stepper:
                 piece += back
                 data.qpos[:], data.qvel[:], data.qacc_warmstart[:], data.time = state
                 solver.recall(memory)
+                if tries >= _RETRIES and solver.crowd(data):  # another two of its many surfaces meet first, each time
+                    self._crowded, piece = True, 0.0
+                    self._forward()
+                    break
             left -= piece
             if left <= 1e-12 * self.compiled.step:
                 return
