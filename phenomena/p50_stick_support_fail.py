@@ -250,6 +250,12 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
         changes = {"trigger": "pull", "sticks": 2, "inset": 0.0, "load": 0.0, "friction": 0.9}
         return StickSupportFail.make(**(self.values() | changes)), run.again(**changes)
 
+    def just_after(self, run: Run) -> tuple[StickSupportFail, Run, NDArray[np.bool_]]:
+        """The same, and the samples of the first 40 ms without the stick."""
+        specimen, one = self.bare(run)
+        start = specimen.released(one)
+        return specimen, one, between(one.t, start, start + 0.04)
+
     @law("N₁ + N₂ = (M + m) g, Σ N x = M g x_M + m g x_m",
          source="J. L. Meriam & L. G. Kraige, Statics, 7th ed., §3/3",
          within=(1e-3, 1e-3, 1e-3), limited_by="the springs let the board tilt by a milliradian")  # fmt: skip
@@ -278,9 +284,7 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
          within=(1e-2, 5e-3, 3e-3), limited_by="fitted over the first 40 ms, in which the torque changes")  # fmt: skip
     def an_end_without_support_falls_faster_than_free(self, run: Run) -> Measurement:
         """50b: angular acceleration just after a stick is gone; the end falls with up to 1.5 g."""
-        specimen, one = self.bare(run)
-        start = specimen.released(one)
-        mask = between(one.t, start, start + 0.04)
+        specimen, one, mask = self.just_after(run)
         d, k2 = specimen.pivot()
         return acceleration(one.t[mask], specimen.tilt(one)[mask]), g * d / (k2 + d**2 + BOARD**2)
 
@@ -288,9 +292,7 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
          within=(2e-2, 1e-2, 3e-3), limited_by="fitted over the first 40 ms, in which the torque changes")  # fmt: skip
     def the_stick_that_is_left_bears_a_quarter(self, run: Run) -> Measurement:
         """50b: its reaction, from the acceleration of the board's centre, over M g."""
-        specimen, one = self.bare(run)
-        start = specimen.released(one)
-        mask = between(one.t, start, start + 0.04)
+        specimen, one, mask = self.just_after(run)
         d, k2 = specimen.pivot()
         falls = acceleration(one.t[mask], one.position("board/block")[mask, 2])
         return 1 + falls / g, 1 - d**2 / (k2 + d**2 + BOARD**2)
