@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -158,3 +159,21 @@ def test_unknown_index_names_those_there_are() -> None:
 def test_unknown_label_names_the_nearest() -> None:
     with pytest.raises(UnknownPhenomenon, match="did you mean SimplePendulum"):
         find("simplependulm")
+
+
+def test_interactable_objects_have_all_four_kinds_of_constraint() -> None:
+    """Linear and angular limits and motors, as the source document names them; each binds or drives a scene."""
+    shown: dict[str, set[int]] = {}
+    for index in (15, 40, 44):
+        specimen = phenomenon(index).make()
+        scene = build(specimen)
+        model = compile(specimen, scene, DRAFT).model
+        kinds = {mujoco.mjtJoint.mjJNT_SLIDE: "linear", mujoco.mjtJoint.mjJNT_HINGE: "angular"}
+        limits = [kinds[model.jnt_type[j]] + " limit" for j in range(model.njnt) if model.jnt_limited[j]]
+        motors = [kinds[model.joint(motor.joint).type[0]] + " motor" for motor in scene.motors]
+        for kind in limits + motors:
+            shown.setdefault(kind, set()).add(index)
+    assert shown["angular motor"] >= {15}
+    assert shown["linear motor"] >= {40}
+    assert shown["linear limit"] >= {40}
+    assert shown["angular limit"] >= {44}
