@@ -168,9 +168,9 @@ def test_interactable_objects_have_all_four_kinds_of_constraint() -> None:
         specimen = phenomenon(index).make()
         scene = build(specimen)
         model = compile(specimen, scene, DRAFT).model
-        kinds = {mujoco.mjtJoint.mjJNT_SLIDE: "linear", mujoco.mjtJoint.mjJNT_HINGE: "angular"}
-        limits = [kinds[model.jnt_type[j]] + " limit" for j in range(model.njnt) if model.jnt_limited[j]]
-        motors = [kinds[model.joint(motor.joint).type[0]] + " motor" for motor in scene.motors]
+        kinds = {int(mujoco.mjtJoint.mjJNT_SLIDE): "linear", int(mujoco.mjtJoint.mjJNT_HINGE): "angular"}
+        limits = [kinds[int(model.jnt_type[j])] + " limit" for j in range(model.njnt) if model.jnt_limited[j]]
+        motors = [kinds[int(model.joint(motor.joint).type[0])] + " motor" for motor in scene.motors]
         for kind in limits + motors:
             shown.setdefault(kind, set()).add(index)
     assert shown["angular motor"] >= {15}
