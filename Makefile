@@ -37,10 +37,10 @@ demo: $(READY) graphics  ## set up, then simulate, verify and film phenomenon 46
 	$(BIN)/physinone run 46 --size 480 -o out/
 
 test: $(READY) graphics  ## set up, then run the test suite, one process per core
-	$(BIN)/pytest -q -n auto --dist loadgroup
+	$(BIN)/pytest -q -n auto
 
 study: $(READY) graphics  ## the long tests: reference fidelity, installation into an empty environment
-	$(BIN)/pytest -q -n auto --dist loadgroup -m slow
+	$(BIN)/pytest -q -n auto -m slow
 
 laws: $(READY)  ## docs/laws.md: every law at reference fidelity, measured (an hour)
 	$(BIN)/physinone check --fidelity reference --report docs/laws.md

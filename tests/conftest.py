@@ -18,15 +18,17 @@ from physinone_mj.run import Run
 from physinone_mj.simulate import simulate
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """All tests of one phenomenon go to one process, one after the other, so that they share its runs."""
-    for item in items:
-        found = re.fullmatch(r"test_p(\d\d)\.py", item.path.name)
-        parameters = getattr(item, "callspec", None)
-        index = int(found[1]) if found else parameters.params.get("index") if parameters else None
-        if index is not None:
-            item.add_marker(pytest.mark.xdist_group(f"phenomenon {index}"))
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByPhenomenon(LoadScopeScheduling):  # type: ignore[misc, unused-ignore]
+        def _split_scope(self, nodeid: str) -> str:
+            found = re.search(r"test_p(\d\d)\.py|\[(\d+)[-\]]", nodeid)
+            return f"phenomenon {int(found[1] or found[2])}" if found else nodeid
+
+    return ByPhenomenon(config, log)
 
 
 @functools.lru_cache(maxsize=9)
