@@ -538,13 +538,17 @@ def _shift(
     target: Array,
     reference: Array,
     relax: float,
+    dilate: bool,
 ) -> float:
-    """Move the reference (by a fraction `relax`) to target + R f - μ|c_t| n̂; returns how far the furthest row is."""
+    """Move the reference (by a fraction `relax`) to target + R f - μ|c_t| n̂; returns how far the furthest row is.
+
+    dilate: leave the last term out, and with it the problem convex; what slips then moves apart.
+    """
     moved = 0.0
     slipping = np.zeros(reference.shape[0])
     for i in range(address.shape[0]):
         row = address[i]
-        if row >= 0:
+        if row >= 0 and not dilate:
             slip = 0.0
             for j in range(1, dim[i]):
                 slip += (friction[i, j - 1] * (reached[row + j] - target[row + j])) ** 2
@@ -886,22 +890,25 @@ class Solver:
         """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc.
 
         What is jammed between things that do not yield cannot be pushed out of them: then overlaps stay as they are.
-        Nor can it bounce off all of them: then it does not.
+        Nor can it bounce off all of them: then it does not. What still has no solution, or hides it, takes the step
+        that MuJoCo's convex contact would: what slips moves apart.
         """
-        tries = [(math.inf, 1.0, _MAX_SHIFTS), (math.inf, 0.0, _MAX_SHIFTS)]
+        tries = [(math.inf, 1.0, _MAX_SHIFTS, False), (math.inf, 0.0, 2 * _LONG, False)]
+        tries += [(math.inf, 0.0, _PATIENCE, True)]
         if not impact:
-            tries = [(self._step, 1.0, _LONG), (math.inf, 1.0, 2 * _LONG), *tries[1:]]
-        for step, bounce, most in tries:
-            if self._settle(data, dt, step, most, bounce=bounce, impact=impact, crowded=crowded):
+            tries = [(self._step, 1.0, _LONG, False), (math.inf, 1.0, 2 * _LONG, False), *tries[1:]]
+        for step, bounce, most, dilate in tries:
+            if self._settle(data, dt, step, most, bounce=bounce, dilate=dilate, impact=impact, crowded=crowded):
                 return
             self._shifts = self._trend = np.empty(0)
-        raise NotSettled(f"contact forces did not settle in {_MAX_SHIFTS} solutions")
+        raise NotSettled("contact forces did not settle")
 
     def _settle(
-        self, data: Any, dt: float, step: float, most: int, *, bounce: float, impact: bool, crowded: bool
+        self, data: Any, dt: float, step: float, most: int, *, bounce: float, dilate: bool, impact: bool,
+        crowded: bool,
     ) -> bool:
         """Whether the solution was found in so many; gaps are closed at the pace of one `step`, never if that is
-        infinite; bounce: fraction of every pair's restitution."""
+        infinite; bounce: fraction of every pair's restitution; dilate: see `_shift`."""
         model, c = self._model, data.contact
         address, dim, friction = c.efc_address, c.dim, c.friction
         reference, force, regulariser, velocity = data.efc_aref, data.efc_force, data.efc_R, data.efc_vel
@@ -936,8 +943,8 @@ class Solver:
             mujoco.mj_fwdConstraint(model, data)
             data.qacc_warmstart[:] = data.qacc
             mujoco.mj_mulJacVec(model, data, reached, data.qacc)
-            moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax) * dt
-            if moved < _SETTLED or (solutions >= _LONG and moved < nearly):
+            moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax, dilate) * dt
+            if moved < _SETTLED or (solutions >= _LONG and moved < nearly) or (dilate and solutions == most):
                 break
             if many and moved < _AT_FIRST * 10 ** (solutions / 2):
                 break

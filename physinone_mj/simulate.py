@@ -379,8 +379,8 @@ class Stepper:
                 (solver.slide if engaged else solver.fly)(data, piece)
                 self._forward()
                 back, gap, _ = solver.look(data, left)
-                if gap >= -contact.TOUCH or piece + back <= 0:
-                    break
+                if gap >= -contact.TOUCH or piece + back <= 1e-9 * self.compiled.step:
+                    break  # or MuJoCo has only now reported the corner that met first: it has to do here
                 # the surfaces met within the piece: it shall end where they do
                 piece += back
                 data.qpos[:], data.qvel[:], data.qacc_warmstart[:], data.time = state
