@@ -341,6 +341,12 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
     yield "energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects"
     for name, seen in run.specimen.observables().items():
         yield f"observables/{name}", seen.measure(run.specimen, run), seen.unit, seen.about
+    for beam in run.scene.beams:
+        rays = optics.trace(run, beam.name)
+        yield f"beams/{beam.name}/points", rays.points, "m", "start, corners and end of the beam; NaN beyond its end"
+        yield f"beams/{beam.name}/geoms", rays.geoms, "1", "met at each piece's end; -1 nothing, -2 beyond the end"
+        yield f"beams/{beam.name}/weights", rays.weights, "1", "fraction of its power in each piece"
+        yield f"beams/{beam.name}/truncated", rays.truncated, "1", "whether cut off after its most reflections"
     hits = run.impacts
     yield "contacts/time", np.array([i.time for i in hits]), "s", "instant of each impact"
     for key in ("first", "second"):

@@ -102,6 +102,11 @@ class Run:
         """Poses, velocities and energies of all bodies at every sample."""
         return replay(self.model, self.scene, self.t, self.qpos, self.qvel)
 
+    @functools.cached_property
+    def traced(self) -> dict[str, Any]:
+        """The beams that `optics.trace` has followed already, by name."""
+        return {}
+
     def _body(self, name: str) -> int:
         found = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
         if found < 0:

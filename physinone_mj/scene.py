@@ -25,6 +25,10 @@ IMMATERIAL = 4
 """Geom group of what can be seen but is not matter (beams, winds, fields): never in depth or segmentation."""
 
 
+OPTICAL = 5
+"""Geom group of what shows a curved mirror: seen, and matter, but rays meet the exact surface in its place."""
+
+
 class Effect(Protocol):
     """A force that MuJoCo lacks. Bodies are named as in the scene ("ball/ball")."""
 
@@ -141,10 +145,62 @@ class Mirror:
 
 
 @dataclass(frozen=True)
+class Conic:
+    """A curved mirror: z = c ρ² / (1 + √(1 - (1 + K) c² ρ²)), c = 1/R, in the axes of a site, silvered towards +z.
+
+    geom: what shows it, a mesh of group `OPTICAL`, which rays pass: they meet the surface itself
+    site: its vertex, the z axis its optical axis; radius: R of curvature there, positive concave (the centre at z = R),
+    negative convex [m]; aperture: greatest ρ [m]
+    conic: K, 0 a sphere, -1 a paraboloid, between them an ellipsoid
+    half_length: 0 for a surface of revolution, ρ² = x² + y²; else of a trough along y, ρ = |x| [m]
+    Source: D. Malacara, Optical Shop Testing, appendix A.
+    Defect: of no thickness; its back swallows light where the silver is.
+    """
+
+    geom: str
+    site: str
+    radius: float
+    aperture: float
+    conic: float = 0.0
+    half_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        what = f"of the mirror {self.geom!r}; allowed:"
+        if not 0 < abs(self.radius) < math.inf or not math.isfinite(self.conic):
+            raise ValueError(f"radius = {self.radius} m, conic = {self.conic} {what} finite, and a radius but 0")
+        widest = abs(self.radius) / math.sqrt(1 + self.conic) if self.conic > -1 else math.inf
+        if not 0 < self.aperture < widest:
+            raise ValueError(f"aperture = {self.aperture} m {what} more than 0, less than {widest:.6g} m")
+        if not 0 <= self.half_length < math.inf:
+            raise ValueError(f"half_length = {self.half_length} m {what} 0 or more, and finite")
+
+    def height(self, distance: float) -> float:
+        """z [m] at a distance ρ from the axis [m]."""
+        c = 1 / self.radius
+        return c * distance**2 / (1 + math.sqrt(1 - (1 + self.conic) * (c * distance) ** 2))
+
+
+@dataclass(frozen=True)
+class Dielectric:
+    """What is transparent: rays pass the surface of a geom by Snell's law. index: of refraction, against air's 1.
+
+    The geom is a sphere, ellipsoid, box, cylinder or capsule.
+    """
+
+    geom: str
+    index: float
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.index < 10:
+            raise ValueError(f"index = {self.index} of the dielectric {self.geom!r}; allowed: 1 to 10")
+
+
+@dataclass(frozen=True)
 class Beam:
     """A ray of laser light from a site along the site's z axis; `optics` follows it, and it is seen but not matter.
 
-    reach: where it ends if it meets nothing [m]; bounces: most reflections, after which it is cut off and says so
+    reach: where it ends if it meets nothing [m]; bounces: most reflections and refractions, after which it is cut off
+    and says so
     radius: as it is drawn [m]
     """
 
@@ -232,7 +288,8 @@ class Scene:
     motors: list[Motor] = field(default_factory=list)
     bonds: list[Bond] = field(default_factory=list)
     bowls: list[Bowl] = field(default_factory=list)
-    mirrors: list[Mirror] = field(default_factory=list)
+    mirrors: list[Mirror | Conic] = field(default_factory=list)
+    dielectrics: list[Dielectric] = field(default_factory=list)
     beams: list[Beam] = field(default_factory=list)
     control: dict[str, float] = field(default_factory=dict)
     cuts: dict[str, float] = field(default_factory=dict)

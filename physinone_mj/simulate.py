@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from . import contact
+from . import contact, optics
 from .base import Phenomenon, Refusal, Verdict
 from .constants import STANDARD_GRAVITY
 from .contact import Surface
@@ -200,6 +200,9 @@ def _refuse(specimen: Phenomenon, model: Any, scene: Scene) -> None:
             names = " and ".join(model.geom(g).name for g in found.geom)
             raise Refusal("R1", f"{specimen.label}: {names} overlap by {-found.dist:.3g} m at the start; "
                           f"allowed: {1e-4 * size:.1g} m")  # fmt: skip
+    for beam, geom in optics.blocked_mouths(model, data, scene):
+        raise Refusal("R1", f"{specimen.label}: the beam {beam!r} starts inside {geom!r}; allowed: outside of all that "
+                      f"is opaque")  # fmt: skip
     stiffest, fastest = _rates(model, data)
     for rate, what in ((stiffest, "springs"), (fastest, "dampers")):
         if rate * model.opt.timestep > _MAX_RATE:
