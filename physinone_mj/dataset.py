@@ -275,7 +275,7 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
     ids = annotate.geom_ids(run)
     qpos = run.qpos[:: run.stride]
     beams = tuple(
-        raster.Beam(optics.follow(run.model, run.scene, beam, qpos).points, beam.radius, beam.rgba)
+        raster.Beam(optics.trace(run, beam.name).points[:: run.stride], beam.radius, beam.rgba)
         for beam in run.scene.beams
     )
     progress("placing cameras", 0.0)

@@ -84,10 +84,11 @@ def test_two_mirrors_turn_by_twice_their_angle(angle: float) -> None:
     assert out == pytest.approx(due, abs=1e-12)
 
 
-def test_a_mesh_does_not_stop_what_it_reflects() -> None:
+@pytest.mark.parametrize("thick", [0.1, 0.3, 0.333, 0.7])
+def test_a_mesh_does_not_stop_what_it_reflects(thick: float) -> None:
     """Its vertices are of single precision: at grazing incidence light would start below its own face."""
     spec, turn = mujoco.MjSpec(), np.array([0.3, 0.5, -0.7, 0.2])
-    corners = np.array([[x, y, z] for x in (-0.333, 0) for y in (-1, 1) for z in (-1, 1)], float)
+    corners = np.array([[x, y, z] for x in (-thick, 0) for y in (-1, 1) for z in (-1, 1)], float)
     spec.add_mesh(name="plate", uservert=corners.ravel())
     body = spec.worldbody.add_body(name="plate", pos=(0.3, 7.1, -3.7), quat=turn)
     body.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="plate")
