@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,12 @@ from physinone_mj.fidelity import Fidelity
 from physinone_mj.registry import phenomenon
 from physinone_mj.run import Run
 from physinone_mj.simulate import simulate
+
+
+def pytest_configure() -> None:
+    """A shell starts what runs in the background deaf to signals, and a child inherits that: tests send some."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -88,7 +88,7 @@ def test_two_mirrors_turn_by_twice_their_angle(angle: float) -> None:
 def test_a_mesh_does_not_stop_what_it_reflects(thick: float) -> None:
     """Its vertices are of single precision: at grazing incidence light would start below its own face."""
     spec, turn = mujoco.MjSpec(), np.array([0.3, 0.5, -0.7, 0.2])
-    corners = np.array([[x, y, z] for x in (-thick, 0) for y in (-1, 1) for z in (-1, 1)], float)
+    corners = np.array([[-thick, 0.1, 0], *([0, y, z] for y in (-1, 1) for z in (-1, 1))], float)
     spec.add_mesh(name="plate", uservert=corners.ravel())
     body = spec.worldbody.add_body(name="plate", pos=(0.3, 7.1, -3.7), quat=turn)
     body.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="plate")
@@ -99,7 +99,7 @@ def test_a_mesh_does_not_stop_what_it_reflects(thick: float) -> None:
     axes = data.xmat[1].reshape(3, 3)
     for side in np.linspace(-0.9, 0.9, 40):
         way = axes @ np.array([-1e-3, math.sqrt(1 - 1e-6), 0])
-        ray = shine(optics, data, data.xpos[1] + axes @ np.array([0, side / 10, side]) - 0.5 * way, way)
+        ray = shine(optics, data, data.xpos[1] + axes @ np.array([0, side, side / 10]) - 0.5 * way, way)
         assert list(ray.geoms) == [0, NOTHING]
         assert axes[:, 0] @ (ray.points[2] - ray.points[1]) > 0
 
