@@ -32,6 +32,7 @@ from .base import Phenomenon, Refusal, Verdict
 from .fidelity import Fidelity
 from .registry import phenomenon
 from .run import Break, Impact, Run
+from .scene import Mirror
 from .simulate import Compiled, build, compile, repeater, simulate_specimen
 
 Array = NDArray[np.float64]
@@ -257,7 +258,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any]:
-    from render import film, raster
+    from render import film, mirrors, raster
 
     things = {t.body: t.id for t in annotate.things(run)}
     tendons = np.zeros(run.model.ntendon, np.int32)
@@ -278,10 +279,16 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
         raster.Beam(optics.trace(run, beam.name).points[:: run.stride], beam.radius, beam.rgba)
         for beam in run.scene.beams
     )
+    # curved mirrors have no plane: they are drawn as they are, polished
+    faces = tuple(
+        mirrors.Face(run.model.geom(mirror.geom).id, mirror.point, mirror.normal)
+        for mirror in run.scene.mirrors
+        if isinstance(mirror, Mirror) and mirror.point is not None and mirror.normal is not None
+    )
     progress("placing cameras", 0.0)
     blank = film.Footage(
         model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids), tendon_ids=tendons,
-        coils=tuple(coils), beams=beams, size=(job.size, job.size), modalities=frozenset(job.modalities),
+        coils=tuple(coils), beams=beams, faces=faces, size=(job.size, job.size), modalities=frozenset(job.modalities),
     )  # fmt: skip
     views = film.plan_views(blank, job.rng(1), count=job.views)
     footage = film.Footage(**{k: getattr(blank, k) for k in blank.__dataclass_fields__} | {"views": views})

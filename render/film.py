@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
+from render.mirrors import Face
 from render.raster import Beam, Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 
@@ -88,6 +89,7 @@ class Footage:
         tendon_ids: (ntendon,) segmentation ids, or None for no tendon.
         coils: springs and ropes drawn in place of their tendons.
         beams: of light, each with a path for every frame.
+        faces: that are flat mirrors, and show the scene.
         size: (W, H) [pixel].
         fov: horizontal field of view [rad].
         modalities: of "rgb", "depth", "seg", those to write.
@@ -106,6 +108,7 @@ class Footage:
     tendon_ids: NDArray[np.integer[Any]] | None = None
     coils: tuple[Wire, ...] = ()
     beams: tuple[Beam, ...] = ()
+    faces: tuple[Face, ...] = ()
     size: tuple[int, int] = SIZE
     fov: float = FOV
     modalities: frozenset[str] = field(default=MODALITIES)
@@ -150,6 +153,7 @@ class Footage:
             fov=self.fov,
             tendon_ids=self.tendon_ids,
             coils=self.coils,
+            faces=self.faces,
             **quality,
         )
 

@@ -7,6 +7,9 @@ from one pass without multisampling: read from a multisampled pass, depth is off
 A standing camera sees most of its picture stand still: :class:`Still` draws what never moves once, and then only the
 window in which something moves or casts a moving shadow.
 
+Flat mirrors show the scene, with its shadows, sky and beams, and other mirrors in it: see :mod:`render.mirrors`. Their
+depth and their id are those of the mirror, never of what is seen in it. Round mirrors look like polished metal here.
+
 Geom groups: 3 is never drawn (collision proxies); 4 is drawn in colour alone (beams, wind, field arrows: what is not
 matter); all others are matter. Sites are never drawn.
 """
@@ -27,8 +30,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from render import mirrors
 from render.egl import Context
 from render.encode import SKY
+from render.mirrors import Eye, Face, Image, Mirror, Share, Window
 from render.rig import FOV, Sphere, focal, project
 
 HIDDEN, IMMATERIAL = 3, 4
@@ -55,8 +60,11 @@ so that a texture is filtered over the same blocks of pixels as in the whole pic
 WORTHWHILE = 0.7
 """A window larger than this fraction of the picture is not worth cutting out."""
 
-Window = tuple[int, int, int, int]
-"""Left, top, width, height [pixel]."""
+SUBPIXELS = 4
+"""Along either side of a pixel, to find how much of it is a mirror's; halved where the buffer is too small."""
+
+ON_FACE = 2e-4
+"""What is seen is on a mirror's face if it is nearer to its plane than this, in radii of the event sphere."""
 
 AMBIENT, FRONTAL = (0.42, 0.42, 0.43), (0.16, 0.16, 0.16)
 """Light from everywhere and from the camera. With the haze, they repeat the `visual` element of stage.xml, which a
@@ -227,12 +235,14 @@ class Raster:
         fov: horizontal field of view [rad].
         tendon_ids: (ntendon,) segmentation ids; a tendon without one is drawn in colour alone. None is all 0.
         coils: springs and ropes drawn in place of their tendons.
+        faces: that are flat mirrors; opaque ones, and at most 254 geoms.
         samples: multisamples of the colour picture; 0 is none.
         shadow: width of the shadow map [texel]; 0 is no shadows, None suits the picture: 3072 for one of 1120 pixels.
 
     Raises:
         NoGL: there is no driver.
-        ValueError: ids of the wrong shape or range, or a coil on a tendon that does not exist or has no two end sites.
+        ValueError: ids of the wrong shape or range, a coil on a tendon that does not exist or has no two end sites, or
+            a mirror on a geom that does not exist.
     """
 
     def __init__(
@@ -245,10 +255,12 @@ class Raster:
         fov: float = FOV,
         tendon_ids: ArrayLike | None = None,
         coils: Collection[Wire] = (),
+        faces: Collection[Face] = (),
         samples: int = 4,
         shadow: int | None = None,
     ) -> None:
         self.size, self.fov, self.sphere, self.coils = size, fov, sphere, tuple(coils)
+        self._faces = _known(tuple(faces), model.ngeom)
         self._ids = _checked(ids, model.ngeom, "ids")
         self._tendon_ids = _checked(
             np.zeros(model.ntendon, int) if tendon_ids is None else tendon_ids, model.ntendon, "tendon_ids"
@@ -261,6 +273,8 @@ class Raster:
         # a floor shadows nothing above it, and as a caster it speckles itself
         casts_none = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value) | (model.geom_group == IMMATERIAL)
         self._model.geom_castshadow[casts_none] = 0
+        materials = {int(model.geom_matid[face.geom]) for face in self._faces} - {-1}
+        self._model.mat_reflectance[sorted(materials)] = 0  # MuJoCo's own image: of one mirror, without shadows and sky
         self._groups = self._model.geom_group.copy()
         self._data = mujoco.MjData(self._model)
         self._wires: list[tuple[Wire, NDArray[np.float64]]] = []
@@ -268,14 +282,15 @@ class Raster:
         self._lit = True
         self._hidden_coils: frozenset[int] = frozenset()
         self._moving = moving_geoms(model)
+        self._immaterial = IMMATERIAL in model.geom_group or IMMATERIAL in self._model.tendon_group
         self._reach: NDArray[np.float64] | None = None
 
         segments = sum(len(coil) for coil in self.coils)
         self._set_scales(segments)
         self._context = Context()
         suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
-        self._colour = self._buffers(samples, suited if shadow is None else shadow)
-        self._matter = self._buffers(0, 0)
+        self._quality = samples, suited if shadow is None else shadow
+        self._colour, self._matter = self._buffers(*self._quality), self._buffers(0, 0)
         room = model.ngeom + segments + 64 * model.ntendon + 1000 + ROOM_FOR_BEAMS
         self._colour_scene, self._matter_scene = (mujoco.MjvScene(self._model, maxgeom=room) for _ in range(2))
         flags = self._matter_scene.flags
@@ -287,10 +302,11 @@ class Raster:
         ):
             flags[flag] = 1
         self._colour_options, self._matter_options = _options(HIDDEN), _options(HIDDEN, IMMATERIAL)
-        self._eye = mujoco.MjvCamera()
-        self._eye.type = mujoco.mjtCamera.mjCAMERA_USER
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_USER
         self._slots = {id(scene): scene.geoms for scene in (self._colour_scene, self._matter_scene)}
         self._lut: NDArray[np.uint8] | None = None
+        self._mirrors: tuple[Mirror, ...] = ()
         self.pose(self._data.qpos)
 
     def pose(
@@ -318,33 +334,46 @@ class Raster:
             for coil, (first, last) in zip(self.coils, self._ends, strict=True)
         ]
         self._lines = tuple(line for line in lines if len(line.points) > 1)
+        places = []
+        for face in self._faces:
+            body = model.geom_bodyid[face.geom]
+            turn = data.xmat[body].reshape(3, 3)
+            places.append((face.geom, data.xpos[body] + turn @ face.point, turn @ face.normal))
+        self._mirrors = mirrors.coplanar(places, self.sphere.radius)
         self._lut = self._reach = None
 
-    def colour(self, pose: ArrayLike, window: Window | None = None) -> NDArray[np.uint8]:
-        """The (H, W, 3) RGB picture from a camera pose (4, 4), or the part of it inside a window."""
-        rect = self._render(pose, window, self._colour_scene, self._colour, self._colour_options)
-        pixels = np.empty((rect.height, rect.width, 3), np.uint8)
-        mujoco.mjr_readPixels(pixels, None, rect, self._colour)
-        return np.asarray(cv2.flip(pixels, 0), dtype=np.uint8)
+    def colour(self, pose: ArrayLike) -> NDArray[np.uint8]:
+        """The (H, W, 3) RGB picture from a camera pose (4, 4)."""
+        picture = self.without_images(pose)
+        self.put_images(picture, pose)
+        return picture
+
+    def without_images(self, pose: ArrayLike, window: Window | None = None) -> NDArray[np.uint8]:
+        """The picture from a pose (4, 4), or the part of it inside a window, with nothing seen in the mirrors."""
+        eye = self._eye(pose, window)
+        return self._picture(eye, eye, self._colour)
+
+    def put_images(self, picture: NDArray[np.uint8], pose: ArrayLike) -> None:
+        """Let the mirrors of a picture (H, W, 3) without images, from that pose (4, 4), show what is seen in them."""
+        eye = self._eye(pose)
+        self._put_images(picture, eye, eye, mirrors.ORDERS)
 
     def depth_and_segmentation(
         self, pose: ArrayLike, window: Window | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Planar depth (H, W) [m], SKY where nothing is hit, and ids (H, W), from a camera pose (4, 4), or a part."""
-        rect = self._render(pose, window, self._matter_scene, self._matter, self._matter_options)
+        eye = self._eye(pose, window)
+        self._update(eye, self._matter_scene, self._matter_options)
         if self._lut is None:
             self._lut = self._ids_by_colour(self._matter_scene)
-        pixels, z = np.empty((rect.height, rect.width, 3), np.uint8), np.empty((rect.height, rect.width), np.float32)
-        mujoco.mjr_readPixels(pixels, z, rect, self._matter)
-        shown = cv2.flip(pixels, 0)
+        shown, z = self._render(eye, self._matter_scene, self._matter, deep=True)
         if len(self._lut) <= 256:
             table = np.zeros(256, np.uint8)
             table[: len(self._lut)] = self._lut
             seg = cv2.LUT(cv2.extractChannel(shown, 0), table)
         else:
             seg = self._lut[shown.astype(np.uint32) @ np.array([1, 1 << 8, 1 << 16], np.uint32)]
-        z = np.asarray(cv2.flip(z, 0), dtype=np.float32)
-        return self._metres(z), np.asarray(seg, dtype=np.uint8)
+        return self._metres(z, eye.near), np.asarray(seg, dtype=np.uint8)
 
     def show_only(self, ids: Collection[int] | None) -> None:
         """Hide all whose segmentation id is not in `ids`, in every later picture; None shows all again."""
@@ -364,8 +393,8 @@ class Raster:
     def separable(self) -> bool:
         """Whether what moves changes the picture only where it is and where its shadow can fall.
 
-        Not so with mirrors, with shadows of lamps or of moving or grazing lights, with tilted or moving planes, and
-        not known of skins and deformables.
+        Not so with MuJoCo's own mirrors, with shadows of lamps or of moving or grazing lights, with tilted or moving
+        planes, and not known of skins and deformables. What a flat mirror shows is left out of this.
         """
         model = self._model
         casting = model.light_castshadow.astype(bool)
@@ -401,6 +430,26 @@ class Raster:
         left, top, width, height = (int(i) for i in (*low, *np.maximum(high - low, 1)))
         return (left, top, width, height) if width * height < WORTHWHILE * size.prod() else None
 
+    @property
+    def model(self) -> mujoco.MjModel:
+        """What is drawn: the raster's own copy."""
+        return self._model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """Its pose."""
+        return self._data
+
+    @property
+    def wires(self) -> list[tuple[Wire, NDArray[np.float64]]]:
+        """Springs and ropes, and the points (N, 3) [m] of their axes at this pose."""
+        return self._wires
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The beams of this pose."""
+        return self._lines
+
     def info(self) -> dict[str, str | bool]:
         """What draws: see :meth:`render.egl.Context.info`."""
         return self._context.info()
@@ -408,8 +457,8 @@ class Raster:
     def close(self) -> None:
         """Free the buffers and the OpenGL context."""
         self._context.make_current()
-        self._colour.free()
-        self._matter.free()
+        for buffers in (self._colour, self._matter, *self.__dict__.get("_fine", ())):
+            buffers.free()
         self._context.close()
 
     def __enter__(self) -> Self:
@@ -429,53 +478,135 @@ class Raster:
         model.vis.rgba.haze = HAZE_COLOUR
         head = model.vis.headlight
         head.ambient, head.diffuse, head.specular = AMBIENT, FRONTAL, (0.0, 0.0, 0.0)
-        model.vis.global_.offwidth, model.vis.global_.offheight = self.size
         # a piece of thin wire counts for half a geom: else a spring would make its weight a polygon
         round_geoms = int(np.isin(model.geom_type, ROUND).sum()) + segments / 2
         slices = int(np.clip(math.sqrt(FACETS / max(round_geoms, 1)), 12, 64))
         model.vis.quality.numslices, model.vis.quality.numstacks = slices, slices // 2
 
-    def _buffers(self, samples: int, shadow: int) -> mujoco.MjrContext:
-        self._model.vis.quality.offsamples, self._model.vis.quality.shadowsize = samples, shadow
+    def _buffers(self, samples: int, shadow: int, larger: float = 1.0) -> mujoco.MjrContext:
+        self._context.make_current()
+        visual = self._model.vis
+        visual.quality.offsamples, visual.quality.shadowsize = samples, shadow
+        visual.global_.offwidth, visual.global_.offheight = (math.ceil(larger * side) for side in self.size)
         buffers = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         buffers.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         return buffers
 
-    def _render(
-        self,
-        pose: ArrayLike,
-        window: Window | None,
-        scene: mujoco.MjvScene,
-        buffers: mujoco.MjrContext,
-        options: mujoco.MjvOption,
-    ) -> mujoco.MjrRect:
-        """Draw into the lower left corner of the buffers; returns the rectangle drawn."""
-        left, top, width, height = window or (0, 0, *self.size)
-        matrix = np.asarray(pose, dtype=np.float64)
-        near = NEAR * self.sphere.radius
-        pixel = near / focal(self.fov, self.size)
-        for eye in scene.camera:
-            eye.pos, eye.forward, eye.up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
-            eye.frustum_near, eye.frustum_far = near, FAR * self.sphere.radius
-            eye.frustum_center, eye.frustum_width = (left + width / 2 - self.size[0] / 2) * pixel, width / 2 * pixel
-            eye.frustum_top = (self.size[1] / 2 - top) * pixel
-            eye.frustum_bottom = (self.size[1] / 2 - top - height) * pixel
-            eye.orthographic = 0
+    def _eye(self, pose: ArrayLike, window: Window | None = None) -> Eye:
+        """A camera at a pose (4, 4), or as much of it as sees a window."""
+        matrix, near = np.asarray(pose, dtype=np.float64), NEAR * self.sphere.radius
+        across, down = np.array(self.size) / 2 * near / focal(self.fov, self.size)
+        eye = Eye(matrix[:3, 3], matrix[:3, :3], near, -across, across, -down, down, self.size)
+        return eye if window is None else eye.part(window)
+
+    def _update(self, eye: Eye, scene: mujoco.MjvScene, options: mujoco.MjvOption, head: Eye | None = None) -> None:
+        """Fill a scene with what an eye sees; head: where the head light is, if elsewhere."""
+        for camera in scene.camera:
+            camera.pos, camera.forward, camera.up = eye.place, -eye.axes[:, 2], eye.axes[:, 1]
+            camera.frustum_near, camera.frustum_far = eye.near, FAR * self.sphere.radius
+            camera.frustum_center, camera.frustum_width = (eye.left + eye.right) / 2, (eye.right - eye.left) / 2
+            camera.frustum_top, camera.frustum_bottom = eye.top, eye.bottom
+            camera.orthographic = 0
         # after the camera: infinite planes and the head light follow it
         mujoco.mjv_updateScene(
-            self._model, self._data, options, None, self._eye, mujoco.mjtCatBit.mjCAT_ALL.value, scene
+            self._model, self._data, options, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, scene
         )
+        if head is not None:
+            for light in scene.lights[: scene.nlight]:
+                if light.headlight:
+                    light.pos, light.dir = head.place, -head.axes[:, 2]
         for coil, wire in self._wires:
             if coil.tendon not in self._hidden_coils:
                 _draw_wire(scene, self._slots[id(scene)], coil, wire)
-        if scene is self._colour_scene and self._lit:
-            for line in self._lines:
-                _draw_line(scene, self._slots[id(scene)], line)
+        if scene is self._colour_scene:
+            self._draw_lines(scene)
+
+    def _draw_lines(self, scene: mujoco.MjvScene) -> None:
+        for line in self._lines if self._lit else ():
+            _draw_line(scene, self._slots[id(scene)], line)
+
+    def _render(
+        self, eye: Eye, scene: mujoco.MjvScene, buffers: mujoco.MjrContext, *, deep: bool = False
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """What an eye sees of a scene: (H, W, 3), and if asked for what is in the depth buffer (H, W)."""
+        width, height = eye.size
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
         rect = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(rect, scene, buffers)
-        return rect
+        pixels, z = np.empty((height, width, 3), np.uint8), np.empty((height, width) if deep else (1, 1), np.float32)
+        mujoco.mjr_readPixels(pixels, z if deep else None, rect, buffers)
+        return np.asarray(cv2.flip(pixels, 0), dtype=np.uint8), np.asarray(cv2.flip(z, 0), dtype=np.float32)
+
+    def _picture(self, eye: Eye, head: Eye, buffers: mujoco.MjrContext) -> NDArray[np.uint8]:
+        self._update(eye, self._colour_scene, self._colour_options, head)
+        return self._render(eye, self._colour_scene, buffers)[0]
+
+    @cached_property
+    def _fine(self) -> tuple[mujoco.MjrContext, mujoco.MjrContext]:
+        """Larger buffers, for the images in mirrors and for the shares of mirrors in pixels."""
+        samples, shadow = self._quality
+        return self._buffers(samples, shadow // 2, 1.5), self._buffers(0, 0, 2.0)
+
+    def _put_images(self, picture: NDArray[np.uint8], eye: Eye, head: Eye, orders: int) -> None:
+        """Lay into an eye's picture what its mirrors show, by up to so many reflections."""
+        least = mirrors.GRAZING * self.sphere.radius
+        facing = [mirror for mirror in self._mirrors if mirror.before(eye.place) > least]
+        corners = [geom_corners(self._model, self._data, np.array(mirror.geoms)) for mirror in facing]
+        window = eye.window(np.concatenate(corners)) if facing else None
+        if window is None:
+            return
+        glass, _ = self._fine
+        for mirror, ends, share in zip(facing, corners, self._shares(eye, window, facing), strict=True):
+            if share is None:
+                continue
+            image = Image.of(mirror, eye, share, ends, (glass.offWidth, glass.offHeight))
+            shown = self._picture(image.eye, head, glass)
+            if orders > 1:
+                self._put_images(shown, image.eye, head, orders - 1)
+            image.lay(shown, picture, share)
+
+    def _shares(self, eye: Eye, window: Window, facing: list[Mirror]) -> list[Share | None]:
+        """How much of each pixel inside a window is each mirror's, seen from its front and not hidden.
+
+        What is translucent takes away as much as it hides, if no two such things are before one another.
+        """
+        _, buffers = self._fine
+        times = SUBPIXELS
+        while times > 1 and (window[2] * times > buffers.offWidth or window[3] * times > buffers.offHeight):
+            times //= 2
+        part = eye.part(window).finer(times)
+        scene, slots = self._matter_scene, self._slots[id(self._matter_scene)]
+        number = {geom: k + 2 for k, geom in enumerate(sorted({face.geom for face in self._faces}))}
+        kind = mujoco.mjtObj.mjOBJ_GEOM.value
+
+        # a picture of numbers: the mirrors' geoms have one each, all others that hide what is behind them have 1
+        self._update(part, scene, self._matter_options)
+        veiled = bool(self._lines) and self._lit
+        for geom in slots[: scene.ngeom]:
+            veiled |= bool(geom.transparent)
+            label = number.get(geom.objid, 1) if geom.objtype == kind else 1
+            geom.segid = -1 if geom.transparent else label - 1
+        shown, z = self._render(part, scene, buffers, deep=True)
+        labels, depth = cv2.extractChannel(shown, 0), self._metres(z, part.near)
+
+        clear: NDArray[np.float32] = np.ones(depth.shape, np.float32)
+        if veiled or self._immaterial:
+            self._update(part, scene, self._colour_options)
+            self._draw_lines(scene)
+            for geom in slots[: scene.ngeom]:
+                whole = geom.objtype == kind and geom.objid in number
+                geom.segid = 254 if whole else round(254 * (1 - min(float(geom.rgba[3]), 1.0)))
+            clear[:] = cv2.extractChannel(self._render(part, scene, buffers)[0], 0)
+            clear -= 1
+            clear /= 254
+        shares = []
+        for mirror in facing:
+            mine = np.isin(labels, [number[geom] for geom in mirror.geoms])
+            mine &= np.abs(part.heights(mirror, depth)) < ON_FACE * self.sphere.radius
+            weight = cv2.resize(np.where(mine, clear, 0), window[2:], interpolation=cv2.INTER_AREA)
+            shares.append(Share.of(np.asarray(weight, np.float32), *window[:2]))
+        return shares
 
     def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Wire]) -> None:
         self._model.geom_group[:] = np.where(geoms, self._groups, HIDDEN)
@@ -519,9 +650,9 @@ class Raster:
         table[len(table) - len(wires) :] = wires
         return table
 
-    def _metres(self, z: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _metres(self, z: NDArray[np.float32], nearest: float) -> NDArray[np.float32]:
         """Planar depth of a reversed depth buffer, 1 at the near plane and 0 at the far one."""
-        near, far = np.float32(NEAR * self.sphere.radius), np.float32(FAR * self.sphere.radius)
+        near, far = np.float32(nearest), np.float32(FAR * self.sphere.radius)
         empty = z <= 0
         z *= far - near
         z += near
@@ -548,8 +679,8 @@ class Free:
 class Still(Free):
     """A standing camera: the same pictures for less, if the raster is separable.
 
-    What never moves is drawn once; of each picture, only the window in which something moves. A window is rounded
-    differently from a whole picture, so that single pixels on edges may fall to the other side.
+    What never moves is drawn once; of each picture, only the window in which something moves, and what mirrors show. A
+    window is rounded differently from a whole picture, so that single pixels on edges may fall to the other side.
     """
 
     def colour(self) -> NDArray[np.uint8]:
@@ -558,7 +689,8 @@ class Still(Free):
         if window is None:
             return super().colour()
         picture = self._colour_plate.copy()
-        picture[_inside(window)] = self.raster.colour(self.pose, window)
+        picture[_inside(window)] = self.raster.without_images(self.pose, window)
+        self.raster.put_images(picture, self.pose)
         return picture
 
     def depth_and_segmentation(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -573,7 +705,7 @@ class Still(Free):
     @cached_property
     def _colour_plate(self) -> NDArray[np.uint8]:
         self.raster.show_static()
-        plate = self.raster.colour(self.pose)
+        plate = self.raster.without_images(self.pose)
         self.raster.show_only(None)
         return plate
 
@@ -611,6 +743,15 @@ def _checked(ids: ArrayLike, count: int, name: str) -> NDArray[np.uint8]:
     if count and not (values.min() >= 0 and values.max() <= LAST_ID):
         raise ValueError(f"{name} must lie in 0 to {LAST_ID}, got {values.min()} to {values.max()}")
     return values.astype(np.uint8)
+
+
+def _known(faces: tuple[Face, ...], ngeom: int) -> tuple[Face, ...]:
+    for face in faces:
+        if not 0 <= face.geom < ngeom:
+            raise ValueError(f"a mirror names geom {face.geom}, the model has {ngeom}")
+    if len({face.geom for face in faces}) > LAST_ID:
+        raise ValueError(f"at most {LAST_ID} geoms can be mirrors, got {len({face.geom for face in faces})}")
+    return faces
 
 
 def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
