@@ -17,7 +17,7 @@ from physinone_mj.fracture import Fracture, box, place, rim, shatter
 from physinone_mj.run import Run, quaternion_matrix
 from physinone_mj.scene import Bond, Mirror, Scene, free_pose
 
-from .lasers import laser, screen
+from .lasers import enter, laser, screen
 from .parts import ball
 
 Array = NDArray[np.float64]
@@ -307,15 +307,3 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
             f"falls on a screen at the same angle. After {self.hit:.2f} s a ball of {self.mass:.2g} kg hits the mirror "
             f"at {self.speed:.1f} m/s: {outcome}."
         )
-
-
-def enter(start: Array, way: Array, normals: Array, offsets: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Distances (T,) [m] at which rays (T, 3) enter a convex body n·r <= offset, infinite if not; by which plane."""
-    height, slope = offsets - start @ normals.T, way @ normals.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = height / slope
-    going_in = np.where(slope < 0, far, np.where((slope == 0) & (height < 0), np.inf, -np.inf))
-    going_out = np.where(slope > 0, far, np.inf).min(axis=1)
-    plane = going_in.argmax(axis=1)
-    distance = going_in.max(axis=1)
-    return np.where((distance < going_out) & (distance > 0), distance, np.inf), plane
