@@ -117,15 +117,14 @@ def _meet_conic(shape: Array, place: Array, turn: Array, start: Array, way: Arra
     """Distance at which a ray meets a conic mirror, infinite if not; the normal there, towards its silvered side.
 
     F = c (x² + y² + (1 + K) z²) - 2 z = 0 in the mirror's axes, without y² for a trough; of its two sheets the one
-    through the vertex, 1 - c (1 + K) z > 0. shape: c, K, aperture, half length (0: of revolution)
+    through the vertex, 1 - c (1 + K) z > 0. shape: c, K, aperture, greatest |y|, 1 of revolution or 0 a trough
     """
-    c, flat, aperture, half = shape[0], 1.0 + shape[1], shape[2], shape[3]
+    c, flat, aperture, half, round_ = shape[0], 1.0 + shape[1], shape[2], shape[3], shape[4]
     p, d = np.zeros(3), np.zeros(3)
     for i in range(3):
         for j in range(3):
             p[i] += turn[3 * j + i] * (start[j] - place[j])
             d[i] += turn[3 * j + i] * way[j]
-    round_ = 1.0 if half == 0.0 else 0.0
     square = c * (d[0] ** 2 + round_ * d[1] ** 2 + flat * d[2] ** 2)
     cross = c * (p[0] * d[0] + round_ * p[1] * d[1] + flat * p[2] * d[2]) - d[2]
     rest = c * (p[0] ** 2 + round_ * p[1] ** 2 + flat * p[2] ** 2) - 2.0 * p[2]
@@ -142,7 +141,7 @@ def _meet_conic(shape: Array, place: Array, turn: Array, start: Array, way: Arra
         if not 0.0 < far < found:
             continue
         x, y, z = p[0] + far * d[0], p[1] + far * d[1], p[2] + far * d[2]
-        inside = x * x + y * y <= aperture * aperture if half == 0.0 else abs(x) <= aperture and abs(y) <= half
+        inside = x * x + round_ * y * y <= aperture * aperture and abs(y) <= half
         upright = 1.0 - c * flat * z
         if inside and upright > 0.0:
             found = far
@@ -184,7 +183,8 @@ class Optics:
         for mirror in scene.mirrors:
             geom = int(model.geom(mirror.geom).id)
             if isinstance(mirror, Conic):
-                shape = (1 / mirror.radius, mirror.conic, mirror.aperture, mirror.half_length)
+                half, whole = mirror.half_length or mirror.strip, mirror.half_length == 0
+                shape = (1 / mirror.radius, mirror.conic, mirror.aperture, half, float(whole))
                 self._conics.append((geom, int(model.site(mirror.site).id), np.array(shape)))
             else:
                 plane = mirror.point is not None and (np.array(mirror.point), np.array(mirror.normal))

@@ -153,6 +153,7 @@ class Conic:
     negative convex [m]; aperture: greatest ρ [m]
     conic: K, 0 a sphere, -1 a paraboloid, between them an ellipsoid
     half_length: 0 for a surface of revolution, ρ² = x² + y²; else of a trough along y, ρ = |x| [m]
+    strip: of a surface of revolution, only what has |y| < strip is there [m]
     Source: D. Malacara, Optical Shop Testing, appendix A.
     Defect: of no thickness; its back swallows light where the silver is.
     """
@@ -163,6 +164,7 @@ class Conic:
     aperture: float
     conic: float = 0.0
     half_length: float = 0.0
+    strip: float = math.inf
 
     def __post_init__(self) -> None:
         what = f"of the mirror {self.geom!r}; allowed:"
@@ -173,6 +175,8 @@ class Conic:
             raise ValueError(f"aperture = {self.aperture} m {what} more than 0, less than {widest:.6g} m")
         if not 0 <= self.half_length < math.inf:
             raise ValueError(f"half_length = {self.half_length} m {what} 0 or more, and finite")
+        if not self.strip > 0:
+            raise ValueError(f"strip = {self.strip} m {what} more than 0")
 
     def height(self, distance: float) -> float:
         """z [m] at a distance ρ from the axis [m]."""
@@ -216,6 +220,25 @@ class Beam:
             raise ValueError(f"reach = {self.reach} m, radius = {self.radius} m of a beam; allowed: positive, finite")
         if not 0 <= self.bounces <= 1000:
             raise ValueError(f"bounces = {self.bounces} of a beam; allowed: 0 to 1000")
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Parallel light through a rectangular opening at a site, along its z axis: what mirrors and glass make of it is
+    seen in path-traced pictures, and nowhere else.
+
+    half: of the opening, along the site's x and y [m]; strength: irradiance across the light, in the sun's of a scene
+    Defect: the rasteriser does not show it; no ray, law or measurement knows it.
+    """
+
+    site: str
+    half: tuple[float, float]
+    strength: float = 1.0
+    rgb: tuple[float, float, float] = (1.0, 0.95, 0.85)
+
+    def __post_init__(self) -> None:
+        if not all(0 < value < math.inf for value in (*self.half, self.strength)):
+            raise ValueError(f"half = {self.half} m, strength = {self.strength} of a lamp; allowed: positive, finite")
 
 
 @dataclass(frozen=True)
@@ -291,6 +314,7 @@ class Scene:
     mirrors: list[Mirror | Conic] = field(default_factory=list)
     dielectrics: list[Dielectric] = field(default_factory=list)
     beams: list[Beam] = field(default_factory=list)
+    lamps: list[Lamp] = field(default_factory=list)
     control: dict[str, float] = field(default_factory=dict)
     cuts: dict[str, float] = field(default_factory=dict)
     time: float = math.inf

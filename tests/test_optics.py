@@ -257,6 +257,14 @@ def test_a_dish_ends_at_its_aperture_and_its_back_is_black() -> None:
     assert list(shine(optics, data, world((0.1, 0, 5)), along((1, 0, 0))).geoms) == [NOTHING]
 
 
+def test_a_strip_is_there_only_so_far_up() -> None:
+    what = ("dish", SPHERE, (0.01,), (0, 0, 0), turned(0.0))
+    _, data, optics = bench(what, mirrors=[Conic("dish", "dish", 1.0, 0.5, strip=0.2)])
+    for place, met in (((0.4, 0.19), 2), ((0.4, 0.21), 1), ((0.48, 0.15), 1), ((0.0, -0.19), 2), ((0.0, -0.21), 1)):
+        ray = shine(optics, data, (*place, 1.0), (0, 0, -1))
+        assert len(ray.geoms) == met, place
+
+
 # Refraction
 
 
@@ -442,6 +450,7 @@ def test_a_laser_inside_a_thing_is_refused() -> None:
         lambda: Conic("a", "b", 1.0, 1.0),
         lambda: Conic("a", "b", -1.0, 0.8, conic=1.0),
         lambda: Conic("a", "b", 1.0, 0.1, half_length=-1.0),
+        lambda: Conic("a", "b", 1.0, 0.1, strip=0.0),
         lambda: Dielectric("a", 0.9),
         lambda: Dielectric("a", math.nan),
     ],
