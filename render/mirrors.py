@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]
 """Left, top, width, height [pixel]."""
 
-REFLECTIVITY = (0.89, 0.93, 0.91)
+REFLECTIVITY = (0.90, 0.93, 0.92)
 """Of a mirror, red, green and blue: silver (0.95, rather more of red) seen twice through some millimetres of glass,
 which takes away most of the red. Ordinary float glass; judged, not measured."""
 
@@ -35,8 +35,8 @@ ORDERS = 3
 FINENESS = 1.4
 """Pixels of a mirror's image per pixel that it covers, along either side and where the mirror is nearest."""
 
-FEWEST = 4.0
-"""A mirror that covers less shows nothing [pixel]."""
+FEWEST, FEWEST_AGAIN = 4.0, 64.0
+"""A mirror that covers less shows nothing; the second figure is for a mirror that is itself seen in one [pixel]."""
 
 GRAZING = 1e-3
 """A mirror is shown to an eye that is farther before its plane than this, in radii of the event sphere."""
@@ -194,9 +194,9 @@ class Share:
     weight: NDArray[np.float32]
 
     @classmethod
-    def of(cls, weight: NDArray[np.float32], left: int, top: int) -> Self | None:
-        """Of weights (H, W) whose first pixel is that one; None if they cover too little to be shown."""
-        if weight.sum() < FEWEST:
+    def of(cls, weight: NDArray[np.float32], left: int, top: int, fewest: float) -> Self | None:
+        """Of weights (H, W) whose first pixel is that one; None if their sum is less than the fewest [pixel]."""
+        if weight.sum() < fewest:
             return None
         rows, columns = np.flatnonzero(weight.any(axis=1)), np.flatnonzero(weight.any(axis=0))
         up, aside = int(rows[0]), int(columns[0])
@@ -270,10 +270,12 @@ class Image:
         part = picture[top : top + height, left : left + width]
         bare = part.astype(np.float32)
         whole = share.weight > 0.999
-        # on the rim a pixel is a mixture: its part of the bare mirror is that of the whole pixels round it
-        count = cv2.boxFilter(whole.astype(np.float32), -1, (7, 7), normalize=False)[..., None]
-        mean = cv2.boxFilter(bare * whole[..., None], -1, (7, 7), normalize=False) / np.maximum(count, 1)
-        mirror = np.where(whole[..., None] | (count == 0), bare, mean)
+        # a pixel on the rim, or behind a veil, is a mixture, and its part of the bare mirror is to be taken out of it:
+        # that of the whole pixels round it, or of all of them
+        count = cv2.boxFilter(whole.astype(np.float32), -1, (3, 3), normalize=False)[..., None]
+        near = cv2.boxFilter(bare * whole[..., None], -1, (3, 3), normalize=False) / np.maximum(count, 1)
+        mean = bare[whole].mean(axis=0) if whole.any() else bare
+        mirror = np.where(whole[..., None], bare, np.where(count > 0, near, mean))
         part[:] = np.clip(np.rint(bare + share.weight[..., None] * (image - mirror)), 0, 255).astype(np.uint8)
 
 

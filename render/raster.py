@@ -63,6 +63,9 @@ WORTHWHILE = 0.7
 SUBPIXELS = 4
 """Along either side of a pixel, to find how much of it is a mirror's; halved where the buffer is too small."""
 
+OPAQUE = 0.995
+"""Least opacity of what MuJoCo does not draw as translucent."""
+
 ON_FACE = 2e-4
 """What is seen is on a mirror's face if it is nearer to its plane than this, in radii of the event sphere."""
 
@@ -554,10 +557,11 @@ class Raster:
         facing = [mirror for mirror in self._mirrors if mirror.before(eye.place) > least]
         corners = [geom_corners(self._model, self._data, np.array(mirror.geoms)) for mirror in facing]
         window = eye.window(np.concatenate(corners)) if facing else None
-        if window is None:
+        fewest = mirrors.FEWEST if eye is head else mirrors.FEWEST_AGAIN
+        if window is None or window[2] * window[3] < fewest:
             return
         glass, _ = self._fine
-        for mirror, ends, share in zip(facing, corners, self._shares(eye, window, facing), strict=True):
+        for mirror, ends, share in zip(facing, corners, self._shares(eye, window, facing, fewest), strict=True):
             if share is None:
                 continue
             image = Image.of(mirror, eye, share, ends, (glass.offWidth, glass.offHeight))
@@ -566,8 +570,9 @@ class Raster:
                 self._put_images(shown, image.eye, head, orders - 1)
             image.lay(shown, picture, share)
 
-    def _shares(self, eye: Eye, window: Window, facing: list[Mirror]) -> list[Share | None]:
-        """How much of each pixel inside a window is each mirror's, seen from its front and not hidden.
+    def _shares(self, eye: Eye, window: Window, facing: list[Mirror], fewest: float) -> list[Share | None]:
+        """How much of each pixel inside a window is each mirror's, seen from its front and not hidden; None for a
+        mirror that has fewer pixels than `fewest`.
 
         What is translucent takes away as much as it hides, if no two such things are before one another.
         """
@@ -584,9 +589,10 @@ class Raster:
         self._update(part, scene, self._matter_options)
         veiled = bool(self._lines) and self._lit
         for geom in slots[: scene.ngeom]:
-            veiled |= bool(geom.transparent)
             label = number.get(geom.objid, 1) if geom.objtype == kind else 1
-            geom.segid = -1 if geom.transparent else label - 1
+            translucent = float(geom.rgba[3]) < OPAQUE
+            veiled |= translucent
+            geom.segid = -1 if translucent else label - 1
         shown, z = self._render(part, scene, buffers, deep=True)
         labels, depth = cv2.extractChannel(shown, 0), self._metres(z, part.near)
 
@@ -596,16 +602,19 @@ class Raster:
             self._draw_lines(scene)
             for geom in slots[: scene.ngeom]:
                 whole = geom.objtype == kind and geom.objid in number
-                geom.segid = 254 if whole else round(254 * (1 - min(float(geom.rgba[3]), 1.0)))
+                layers = 1 if geom.type == mujoco.mjtGeom.mjGEOM_PLANE.value else 2  # MuJoCo draws the far side too
+                geom.segid = 254 if whole else round(254 * (1 - min(float(geom.rgba[3]), 1.0)) ** layers)
             clear[:] = cv2.extractChannel(self._render(part, scene, buffers)[0], 0)
             clear -= 1
             clear /= 254
         shares = []
         for mirror in facing:
-            mine = np.isin(labels, [number[geom] for geom in mirror.geoms])
-            mine &= np.abs(part.heights(mirror, depth)) < ON_FACE * self.sphere.radius
-            weight = cv2.resize(np.where(mine, clear, 0), window[2:], interpolation=cv2.INTER_AREA)
-            shares.append(Share.of(np.asarray(weight, np.float32), *window[:2]))
+            weights = np.zeros((256, 1), np.float32)
+            weights[[number[geom] for geom in mirror.geoms]] = 1
+            on_face = np.abs(part.heights(mirror, depth)) < ON_FACE * self.sphere.radius
+            mine = np.where(on_face, cv2.multiply(cv2.LUT(labels, weights), clear), 0)
+            weight = cv2.resize(mine, window[2:], interpolation=cv2.INTER_AREA)
+            shares.append(Share.of(np.asarray(weight, np.float32), *window[:2], fewest))
         return shares
 
     def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Wire]) -> None:
