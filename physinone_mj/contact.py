@@ -122,6 +122,9 @@ _AT_ONCE: Final = 1 / 8
 """Bonds loaded to within the first of the worst break together, and so does the second, at least, of those that are
 overloaded, the worst of them; then the load is shared anew."""
 
+_TINY: Final = 1e-6
+"""By how much at most the positions are moved to see how the equalities' rows turn [m, rad]."""
+
 STILL: Final = 1e-8
 """A free body slower than this [m/s] for `_STILL_STEPS` steps, with all that it touches, is put to sleep."""
 _STILL_STEPS: Final = 10
@@ -606,6 +609,8 @@ class Solver:
         connects = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_CONNECT)
         self._turns = np.isin(np.arange(max(model.neq, model.nv, model.ntendon)), connects)
         self._limited = bool(model.jnt_limited.any() or model.tendon_limited.any())
+        others = surfaces or joined.motors or joined.bonds or self._limited or model.dof_frictionloss.any()
+        self.only_held = not others
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         alone = np.bincount(model.body_rootid, minlength=model.nbody)[model.jnt_bodyid[free]] == 1
         free = free[alone]
@@ -863,6 +868,67 @@ class Solver:
             _leave_out_gyroscopic(self._tops, self._inertia, middle, self._acceleration)
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         data.time += dt
+
+    def swing(self, data: Any, dt: float) -> None:
+        """What equalities alone hold together moves by Runge-Kutta, with the forces that leave their gaps as they are;
+        what gap the step has left is closed after it, and J v made zero, with the least of kinetic energy."""
+        model, begun = self._model, data.time
+        start, velocity = data.qpos.copy(), data.qvel.copy()
+        ways: list[Array] = []
+        kicks: list[Array] = []
+        for part in (0.0, 0.5, 0.5, 1.0):
+            if part:
+                data.qpos[:], data.time = start, begun + part * dt
+                mujoco.mj_integratePos(model, data.qpos, ways[-1], part * dt)
+                data.qvel[:] = velocity + part * dt * kicks[-1]
+            ways.append(data.qvel.copy())
+            kicks.append(self._held(data))
+        way, kick = ((x[0] + 2 * x[1] + 2 * x[2] + x[3]) / 6 for x in (ways, kicks))
+        data.qpos[:], data.qvel[:], data.time = start, velocity + dt * kick, begun + dt
+        mujoco.mj_integratePos(model, data.qpos, way, dt)
+        for _ in range(2):
+            self.place(data)
+            mujoco.mj_integratePos(model, data.qpos, -self._across(data, data.efc_pos[: data.ne]), 1.0)
+        self.place(data)
+        data.qvel -= self._across(data, self._rows(data) @ data.qvel)
+
+    def _held(self, data: Any) -> Array:
+        """Acceleration (nv,) under which J a + J̇ v = 0 for the equalities' rows J; positions are done after it."""
+        model, here, speed = self._model, data.qpos.copy(), data.qvel.copy()
+        tiny = _TINY / max(1.0, float(np.abs(speed).max()))
+        ahead = []
+        for side in (tiny, -tiny):
+            data.qpos[:] = here
+            mujoco.mj_integratePos(model, data.qpos, speed, side)
+            for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
+                stage(model, data)
+            ahead.append(self._rows(data) @ speed)
+        data.qpos[:] = here
+        self.place(data)
+        for stage in (mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation, mujoco.mj_fwdAcceleration):
+            stage(model, data)
+        free = data.qacc_smooth.copy()
+        return np.asarray(free - self._across(data, self._rows(data) @ free + (ahead[0] - ahead[1]) / (2 * tiny)))
+
+    def _rows(self, data: Any) -> Array:
+        """J (ne, nv) of the equalities."""
+        model, rows = self._model, data.ne
+        if not mujoco.mj_isSparse(model):
+            return np.array(data.efc_J).reshape(-1, model.nv)[:rows]
+        dense = np.zeros((rows, model.nv))
+        mujoco.mju_sparse2dense(
+            dense, data.efc_J, data.efc_J_rownnz[:rows], data.efc_J_rowadr[:rows], data.efc_J_colind
+        )
+        return dense
+
+    def _across(self, data: Any, missing: Array) -> Array:
+        """M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ x (nv,): the least that changes the equalities' rows by x; of redundant ones any."""
+        if not len(missing):
+            return np.zeros(self._model.nv)
+        rows = self._rows(data)
+        eased = np.empty_like(rows)
+        mujoco.mj_solveM(self._model, data, eased, rows)
+        return np.asarray(np.linalg.lstsq(rows @ eased.T, missing, rcond=1e-10)[0] @ eased)
 
     def _look_back(self, data: Any, dt: float) -> None:
         """Take the rows of half a step ago for those of the last step, so that the first step knows how they turn."""

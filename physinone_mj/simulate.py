@@ -1,6 +1,7 @@
 """Scene + Fidelity -> Run: the only place with a time step, an integrator, a flag.
 
-Without contact a scene is advanced by the classical fourth-order Runge-Kutta method, effects evaluated at every stage.
+Without contact a scene is advanced by the classical fourth-order Runge-Kutta method, effects evaluated at every stage;
+what equalities hold together (a closed chain), likewise, with their forces.
 
 With contact, a step is made of pieces. Between events a body in flight moves by Runge-Kutta; what touches moves by the
 leapfrog "drift, kick, drift" with the contact problem of `contact` solved at mid-step: x += h v/2; v' = v + h a;
@@ -364,6 +365,13 @@ class Stepper:
             if due <= 1e-12:
                 self._switches.pop()[1]()
                 self._forward()
+                continue
+            if solver.only_held:
+                solver.swing(data, min(left, due))
+                self._forward()
+                left -= min(left, due)
+                if left <= 1e-12 * self.compiled.step:
+                    return
                 continue
             soonest, gap, engaged = solver.look(data, left)
             if gap <= contact.TOUCH:
