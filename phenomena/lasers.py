@@ -42,11 +42,11 @@ DRIVEN: Final = "round-off: the motor's course is met at every step"
 
 def laser(
     scene: Scene, place: tuple[float, float, float], heading: float, *, rise: float = 0.0, name: str = "laser",
-    bounces: int = 40, radius: float = 0.004,
+    bounces: int = 40, reach: float = 10.0, radius: float = 0.004,
 ) -> Part:  # fmt: skip
     """A laser on its stand, the mouth at `place` [m], shining in a direction [rad] from x towards y.
 
-    rise: of the beam above the level [rad]; bounces, radius [m]: of the beam, which has the name of the part
+    rise: of the beam above the level [rad]; bounces, reach, radius [m]: of the beam, which has the name of the part
     """
     part = scene.add("laser", name)
     body = part.body("laser")
@@ -57,16 +57,16 @@ def laser(
     part.geom("stem").fromto = (*(stem + 0.02 * down), *(stem + (height - 0.01) * down))
     part.geom("foot").fromto = (*(stem + height * down), *(stem + (height - 0.02) * down))
     scene.material(part.name("laser"), 2700.0, DRY)
-    scene.beams.append(Beam(name, part.name("aperture"), bounces=bounces, radius=radius))
+    scene.beams.append(Beam(name, part.name("aperture"), reach, bounces, radius))
     return part
 
 
-def shine(scene: Scene, mouth: ArrayLike, way: ArrayLike, *, bounces: int = 40, radius: float = 0.005) -> Part:
+def shine(scene: Scene, mouth: ArrayLike, way: ArrayLike, *, bounces: int = 40, reach: float = 10.0) -> Part:
     """A laser whose beam starts at a point (3,) [m] and leaves along a unit vector (3,)."""
     d = np.asarray(way, float)
     x, y, z = (np.asarray(mouth, float) - MOUTH * d).tolist()
     heading, rise = atan2(d[1], d[0]), float(np.arcsin(d[2]))
-    return laser(scene, (x, y, z), heading, rise=rise, bounces=bounces, radius=radius)
+    return laser(scene, (x, y, z), heading, rise=rise, bounces=bounces, reach=reach, radius=0.005)
 
 
 def screen(

@@ -52,13 +52,18 @@ class FixedPlanarRedirect(Phenomenon, domain="optics"):
     slant: Annotated[float, Param("rad", -0.15, 0.15, "of the plane of incidence, from the level")] = 0.12
     distance: Annotated[float, Param("m", 0.3, 3.0, "from the laser to the mirror")] = 1.1
     wall: Annotated[float, Param("m", 0.3, 3.0, "from the mirror to the screen, along the beam")] = 1.4
-    size: Annotated[float, Param("m", 0.1, 0.6, "half the mirror's width and height")] = 0.22
+    size: Annotated[float, Param("m", 0.1, 0.6, "half the mirror's width; it is at most 0.6 m high")] = 0.22
     travel: Annotated[float, Param("m", 0.02, 0.15, "of the mirror, along its normal")] = 0.12
 
     @property
     def glide(self) -> Glide:
         """Of the mirror, to and fro about its middle position."""
         return Glide(self.travel)
+
+    @property
+    def high(self) -> float:
+        """Half its height [m]."""
+        return min(self.size, 0.3)
 
     @property
     def way(self) -> Array:
@@ -87,7 +92,7 @@ class FixedPlanarRedirect(Phenomenon, domain="optics"):
         scene.fps = 60
         self.refuse()
         start = MIDDLE - self.travel / 2 * NORMAL
-        part = standing_mirror(scene, "mirror", start, NORMAL, (self.size, self.size), ground=0.02)
+        part = standing_mirror(scene, "mirror", start, NORMAL, (self.size, self.high), ground=0.02)
         scene.motors.append(Motor(lasers.slide(part, NORMAL), self.glide.course))
         track = scene.add("track")
         track.body("track").pos[0] = GLASS + 0.01
@@ -205,12 +210,12 @@ class FixedPlanarRedirect(Phenomenon, domain="optics"):
         hit = on_plane(self.mouth, self.way, moved, n)
         end = on_plane(hit, self.out, spot, facing)
         due = [np.stack([np.linalg.norm(hit - self.mouth, axis=1), np.linalg.norm(end - hit, axis=1)], axis=1).ravel()]
-        bar = np.array([0.0, 0.0, self.size + lasers.BAR / 2])
+        bar = np.array([0.0, 0.0, self.high + lasers.BAR / 2])
         for i in (0, len(run) - 1):
             face = moved[i]
             sent = {
                 "mirror/back": (face - n, n, 1.0 - 0.018),  # the glass and what backs it
-                "mirror/top": (face + bar + n, -n, 1.0 - 0.002),
+                "mirror/top": (face + bar + 0.1 * n, -n, 0.1 - 0.002),
                 "screen/board": (spot + 0.2 * facing, -facing, 0.2),
                 "stage/floor": (face + 0.05 * n + 0.2 * np.array([0, 1, 0]), np.array([0, 0, -1.0]), MIDDLE[2]),
             }
