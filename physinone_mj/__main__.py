@@ -75,6 +75,19 @@ def number(word: str) -> float | int | str:
     return int(word) if re.fullmatch(r"[+-]?\d{1,15}", word) else value
 
 
+def paths(renderer: str, samples: int | None) -> int:
+    """Paths of light per pixel that were asked for; 0 for the rasteriser."""
+    if renderer not in ("raster", "photoreal"):
+        raise BadInput(f"--renderer {renderer!r}; allowed: raster, photoreal")
+    if renderer == "raster":
+        if samples is not None:
+            raise BadInput(f"--samples {samples} with --renderer raster; allowed: with --renderer photoreal")
+        return 0
+    if samples is not None and samples < 1:
+        raise BadInput(f"--samples {samples}; allowed: 1 to 65536")
+    return SAMPLES if samples is None else samples
+
+
 def fidelity_named(name: str) -> Fidelity:
     """The preset of that name."""
     from .fidelity import Fidelity
@@ -82,6 +95,9 @@ def fidelity_named(name: str) -> Fidelity:
     with as_typed():
         return Fidelity.named(name)
 
+
+SAMPLES = 16
+"""Paths per pixel, unless asked for otherwise: few, but denoised."""
 
 app = typer.Typer(
     name="physinone",
@@ -178,6 +194,10 @@ def run(
     views: Annotated[int, typer.Option(help="Static cameras; a moving one comes on top.")] = 12,
     size: Annotated[int, typer.Option(help="Pixels per side.")] = 1120,
     modalities: Annotated[str, typer.Option(help="Some of rgb,depth,seg.")] = "rgb,depth,seg",
+    renderer: Annotated[
+        str, typer.Option(metavar="NAME", help="raster, or photoreal: path-traced colour (an extra; slow).")
+    ] = "raster",
+    samples: Annotated[int | None, typer.Option(help="With photoreal: paths per pixel; 16 if not given.")] = None,
     render: Annotated[bool, typer.Option("--render/--no-render", help="Whether to draw pictures.")] = True,
     force: Annotated[bool, typer.Option("--force", help="Replace a scene that exists.")] = False,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where scenes go.")] = Path("out"),
@@ -192,11 +212,12 @@ def run(
     jobs = []
     preset = fidelity_named(fidelity)
     wanted = tuple(word.strip() for word in modalities.split(","))
+    traced = paths(renderer, samples)
     for entry in chosen(which):
         cls = phenomenon(entry.index)
         values = settings(assignments or (), cls)
         with as_typed():
-            job = Job(entry.index, values, preset, seed, views, size, wanted, render)
+            job = Job(entry.index, values, preset, seed, views, size, wanted, render, traced)
         if sample:
             drawn = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
             job = dataclasses.replace(job, parameters=drawn)

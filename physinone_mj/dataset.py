@@ -59,7 +59,8 @@ class NotAScene(ValueError):
 class Job:
     """One scene to be made. parameters: only those that are set, the others have their nominal values.
 
-    views: static cameras (the moving one comes on top); size: pixels per side; ValueError if out of range.
+    views: static cameras (the moving one comes on top); size: pixels per side; photoreal: paths of light per pixel of
+    the colour pictures, 0 for the rasteriser's. ValueError if out of range.
     """
 
     index: int
@@ -70,9 +71,11 @@ class Job:
     size: int = 1120
     modalities: tuple[str, ...] = MODALITIES
     render: bool = True
+    photoreal: int = 0
 
     def __post_init__(self) -> None:
-        for name, low, high in (("views", 1, 64), ("size", 16, 4096), ("seed", 0, 2**63 - 1)):
+        ranges = (("views", 1, 64), ("size", 16, 4096), ("seed", 0, 2**63 - 1), ("photoreal", 0, 65536))
+        for name, low, high in ranges:
             value = getattr(self, name)
             if not isinstance(value, (int, np.integer)) or not low <= value <= high:
                 raise ValueError(f"{name} = {value!r}; allowed: whole numbers from {low} to {high}")
@@ -92,7 +95,7 @@ class Job:
         told = {
             "index": self.index, "parameters": self.specimen.values(), "fidelity": asdict(self.fidelity),
             "seed": self.seed, "views": self.views, "size": self.size, "modalities": sorted(self.modalities),
-            "render": self.render,
+            "render": self.render, "photoreal": self.photoreal,
         }  # fmt: skip
         number = int.from_bytes(hashlib.sha256(json.dumps(told, sort_keys=True).encode()).digest()[:8])
         letters = ""
@@ -130,9 +133,13 @@ def generate(job: Job, out: Path, *, force: bool = False, progress: Progress | N
 
     progress: called with the name of the stage and the fraction of the whole job done.
     Raises SceneExists (unless `force`, which replaces it), OSError if `out` cannot be written, and what simulating
-    (Refusal, UnstableScene) and rendering (NoGL, NoClearView, WorkerFailed) raise. Nothing half-written stays behind;
-    what an earlier process left when it was killed is removed.
+    (Refusal, UnstableScene) and rendering (NoGL, NoMitsuba, NoClearView, WorkerFailed) raise. Nothing half-written
+    stays behind; what an earlier process left when it was killed is removed.
     """
+    if job.photoreal and job.render:
+        from render import photoreal
+
+        photoreal.require()
     out = Path(out)
     final = out / job.folder
     out.mkdir(parents=True, exist_ok=True)
@@ -243,7 +250,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
         "job": {
             "index": job.index, "label": job.specimen.label, "parameters": job.specimen.values(),
             "fidelity": asdict(job.fidelity), "seed": job.seed, "views": job.views, "size": job.size,
-            "modalities": list(job.modalities), "render": job.render,
+            "modalities": list(job.modalities), "render": job.render, "photoreal": job.photoreal,
         },
         "state_sha256": state_digest(run),
         "versions": _versions(),
@@ -258,7 +265,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any]:
-    from render import film, mirrors, raster
+    from render import film, mirrors, photoreal, raster
 
     things = {t.body: t.id for t in annotate.things(run)}
     tendons = np.zeros(run.model.ntendon, np.int32)
@@ -285,10 +292,15 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
         for mirror in run.scene.mirrors
         if isinstance(mirror, Mirror) and mirror.point is not None and mirror.normal is not None
     )
+    look = photoreal.Look(
+        job.photoreal, (job.seed, job.index), tuple(run.scene.mirrors), tuple(run.scene.dielectrics),
+        tuple(run.scene.lamps),
+    ) if job.photoreal else None  # fmt: skip
     progress("placing cameras", 0.0)
     blank = film.Footage(
         model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids), tendon_ids=tendons,
-        coils=tuple(coils), beams=beams, faces=faces, size=(job.size, job.size), modalities=frozenset(job.modalities),
+        coils=tuple(coils), beams=beams, faces=faces, look=look, size=(job.size, job.size),
+        modalities=frozenset(job.modalities),
     )  # fmt: skip
     views = film.plan_views(blank, job.rng(1), count=job.views)
     footage = film.Footage(**{k: getattr(blank, k) for k in blank.__dataclass_fields__} | {"views": views})
@@ -611,7 +623,7 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], Job]:
     if form != FORMAT:
         raise NotAScene(f"{path}: format = {form!r:.40}; allowed: {FORMAT}")
     told = found.get("job")
-    keys = {"index", "parameters", "fidelity", "seed", "views", "size", "modalities", "render"}
+    keys = {"index", "parameters", "fidelity", "seed", "views", "size", "modalities", "render", "photoreal"}
     if not isinstance(told, dict) or not keys <= set(told) or not isinstance(found.get("files"), dict):
         raise NotAScene(f"{path}: incomplete; expected a job with {', '.join(sorted(keys))} and files")
     try:

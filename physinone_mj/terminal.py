@@ -18,6 +18,7 @@ EXPECTED: Final = {
     "physinone_mj.registry.UnknownPhenomenon",
     "render.egl.NoGL",
     "render.film.WorkerFailed",
+    "render.photoreal.NoMitsuba",
 }
 """Errors that are answers, told in one line; by name, since what is not needed is not imported."""
 

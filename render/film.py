@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
 from render.mirrors import Face
+from render.photoreal import Look, Studio
 from render.raster import Beam, Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 
@@ -90,6 +91,7 @@ class Footage:
         coils: springs and ropes drawn in place of their tendons.
         beams: of light, each with a path for every frame.
         faces: that are flat mirrors, and show the scene.
+        look: how paths are traced for the colour pictures; None: they are the rasteriser's.
         size: (W, H) [pixel].
         fov: horizontal field of view [rad].
         modalities: of "rgb", "depth", "seg", those to write.
@@ -109,6 +111,7 @@ class Footage:
     coils: tuple[Wire, ...] = ()
     beams: tuple[Beam, ...] = ()
     faces: tuple[Face, ...] = ()
+    look: Look | None = None
     size: tuple[int, int] = SIZE
     fov: float = FOV
     modalities: frozenset[str] = field(default=MODALITIES)
@@ -328,6 +331,8 @@ def _draw(footage: Footage, folder: Path, shots: list[tuple[View, int]], report:
         # decided by the whole footage, not by this part of it: else pictures would depend on the number of workers
         worthwhile = len(footage.qpos) >= FEWEST_FOR_STILLS and raster.separable()
         kind = Still if worthwhile else Free
+        studio = Studio(raster, footage.look) if footage.look else None
+        numbers = {view.name: number for number, view in enumerate(footage.views)}
         for _, group in itertools.groupby(shots, key=lambda shot: shot[0].name):
             camera: Free | None = None
             for view, frame in group:
@@ -338,7 +343,8 @@ def _draw(footage: Footage, folder: Path, shots: list[tuple[View, int]], report:
                     camera = kind(raster, view.poses)
                 place = folder / view.name
                 if "rgb" in footage.modalities:
-                    encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", camera.colour())
+                    picture = studio.colour(view.at(frame), (numbers[view.name], frame)) if studio else camera.colour()
+                    encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", picture)
                 if footage.modalities & {"depth", "seg"}:
                     depth, seg = camera.depth_and_segmentation()
                     if "depth" in footage.modalities:
@@ -346,7 +352,7 @@ def _draw(footage: Footage, folder: Path, shots: list[tuple[View, int]], report:
                     if "seg" in footage.modalities:
                         encode(write_segmentation, place / "seg" / f"{frame:04d}.npz", seg)
                 report(1)
-        return raster.info()
+        return raster.info() | ({"photoreal": studio.info()} if studio else {})
 
 
 @contextmanager
