@@ -148,7 +148,7 @@ class ChainSuspend(Phenomenon, domain="mechanics"):
         self._slow_down(scene)
         swing = 2 * pi / self.modes()[0] if not hooked else 0.0
         watched = min(max(8.0, 12 * sqrt(self.length / g), 2.85 * swing), 10.0)
-        scene.resolve(time=90 / self.fastest, length=self.pitch, duration=watched)
+        scene.resolve(time=(60 if hooked else 90) / self.fastest, length=self.pitch, duration=watched)
 
     def _angles(self) -> Array:
         """Of the links from +x at the start, then that of the lantern from its place under a level link."""

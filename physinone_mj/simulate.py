@@ -48,6 +48,8 @@ _MAX_EVENTS: Final = 1000
 _CROWD: Final = 4
 """Impacts in one step after which the rest of it, and the steps that follow, take theirs all at once; in a heap of many
 contacts the first one is enough."""
+_STUCK: Final = 32
+"""Events in one step of a heap after which impacts are left to the step: what is wedged has been given up by those."""
 _RETRIES: Final = 3
 """Times that the instant of an impact is looked for in such a heap."""
 _QUIET: Final = 2
@@ -374,7 +376,7 @@ class Stepper:
                     return
                 continue
             soonest, gap, engaged = solver.look(data, left)
-            if gap <= contact.TOUCH:
+            if gap <= contact.TOUCH and not (self._crowded and events > _STUCK):
                 solver.impact(data)
                 mujoco.mj_fwdVelocity(model, data)
                 self._crowded = events > _CROWD or solver.crowd(data)

@@ -158,3 +158,21 @@ def test_random_specimens() -> None:
     for links in (9, 12):
         specimen = ChainSuspend.sample(rng, links=links)
         assert not failed(simulate_specimen(specimen, fidelity=DRAFT)), specimen
+
+
+class Brief(ChainSuspend, domain="mechanics"):
+    """Watched for a second."""
+
+    def build(self, scene: Scene) -> None:
+        super().build(scene)
+        scene.duration = 1.0
+
+
+@pytest.mark.parametrize(("pitch", "mass", "load"), [(0.05, 0.05, 4.3), (0.039, 0.045, 17.0)])
+def test_a_whipping_chain_gains_no_energy(pitch: float, mass: float, load: float) -> None:
+    """Hardly damped and pushed hard, its links crack like whips; at DRAFT, too, they only lose."""
+    values = {"links": 22, "pitch": pitch, "mass": mass, "span": 0.4, "load": load, "push": 0.41, "damping": 0.43}
+    run = chain(Brief, **values)
+    energy = run.motion.kinetic + run.motion.potential
+    assert run.motion.kinetic.max() > 0.02
+    assert (energy - np.minimum.accumulate(energy)).max() < 5e-3 * run.motion.kinetic.max()
