@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
-from math import asin, cos, sin, sqrt
+from math import asin, cos, hypot, sin, sqrt
 from typing import Final
 
 import mujoco
@@ -153,14 +153,16 @@ class Bench:
         scene.material(part.name("table"), 700.0, DRY)
         return part
 
-    def lasers(self, scene: Scene, x: float, places: ArrayLike, motion: Shuttle) -> Part:
+    def lasers(self, scene: Scene, x: float, places: ArrayLike, motion: Shuttle | None = None) -> Part:
         """A bar of lasers that shine along x from x [m], at places (n,) beside its middle [m], in the light's plane.
 
-        motion: of the bar, along y. The beams are named `beam00`, `beam01` ... from -y to +y, each with a colour.
+        motion: of the bar, along y, if it moves: on the joint "slide". The beams are named `beam00`, `beam01` ... from
+        -y to +y, each with a colour.
         """
         part = scene.add("laser_bar")
         places = np.sort(np.asarray(places, float))
-        length, radius = (size * self.unit for size in BARREL)
+        length, thick = (size * self.unit for size in BARREL)
+        radius = min(thick, 0.4 * float(np.diff(places).min()))
         reach, back = float(np.abs(places).max()) + 2 * radius, -0.55 * length
         below, rail = 0.03 * self.unit, 0.01 * self.unit
         part.body("bar").pos = (x, 0, self.plane)
@@ -173,7 +175,7 @@ class Bench:
             leg.pos, leg.size = (back, side * 0.7 * reach, rail - deep + stand), (0.3 * length, radius, stand)
         rails = part.geom("rail")
         rails.pos = (x + back, 0, self.board + rail / 2)
-        rails.size = (0.35 * length, 0.7 * reach + 2 * radius + motion.reach, rail / 2)
+        rails.size = (0.35 * length, 0.7 * reach + 2 * radius + (motion.reach if motion else 0.0), rail / 2)
         for k, y in enumerate(places):
             diode = scene.add("diode", f"diode{k:02d}", on=part.name("bar"))
             diode.body("diode").pos[1] = y
@@ -185,18 +187,22 @@ class Bench:
             scene.material(diode.name("diode"), 2700.0, DRY)
         for body in ("bar", "rail"):
             scene.material(part.name(body), 2700.0, DRY)
-        motion.drive(scene, part.name("slide"))
+        if motion:
+            slide = part.body("bar").add_joint(
+                name=part.name("slide"), type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 1, 0)
+            )
+            motion.drive(scene, slide.name)
         return part
 
     def shine(self, scene: Scene, name: str, site: str, tint: tuple[float, float, float, float]) -> None:
         """A beam that ends on the walls at the latest."""
-        reach = 8 * (self.east - self.west + self.half)
-        scene.beams.append(Beam(name, site, reach=reach, radius=0.005 * self.unit, rgba=(*tint[:3], 0.85)))
+        across = hypot(self.east - self.west, 2 * self.half)
+        scene.beams.append(Beam(name, site, reach=5 * across, radius=0.002 * across, rgba=(*tint[:3], 0.85)))
 
 
 @dataclass(frozen=True)
 class Shuttle:
-    """A slide that a motor moves to and fro: from -half to half [m] and back at a speed [m/s]; 0: it stands still."""
+    """A slide that a motor moves to and fro: from -half to half [m] and back at a speed [m/s], for a duration [s]."""
 
     half: float
     speed: float
@@ -210,7 +216,7 @@ class Shuttle:
     def course(self) -> tuple[tuple[float, float], ...]:
         """(time [s], speed [m/s]) of the motor."""
         way, found, time = self.speed, [(0.0, self.speed)], 0.0
-        while self.speed and time < self.duration:
+        while time < self.duration:
             time += 2 * self.half / self.speed
             found += [(time, way), (time + RAMP, -way)]
             time, way = time + RAMP, -way

@@ -12,15 +12,22 @@ from numpy.typing import NDArray
 from physinone_mj import optics
 from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, law, observable
 from physinone_mj.run import Run
-from physinone_mj.scene import Motor, Scene
+from physinone_mj.scene import Lamp, Motor, Part, Scene
 
 from .dishes import BARREL, BOARD, CUT, LIP, RAMP, Bench, Shuttle, Strip, bent_mirror, spectral, spread
 from .lasers import DRY, EXACT
 
 Array = NDArray[np.float64]
 
-BAR: Final = 1.3
+BAR: Final = 1.1
 """The lasers' mouths before the mirror's centre of curvature, in its radii."""
+
+ROOM: Final = 1.12
+"""From the centre of curvature to the walls behind the mirror, in its radii."""
+
+SHEET: Final = (0.15, 0.09, 0.08)
+"""The parallel light of path-traced pictures: its middle over the beams' plane and half its height, in radii, and its
+slope downwards [rad], with which it grazes the table after the mirror."""
 
 CLOSE: Final = 0.004
 """Angle of the two beams close to the axis [rad]: they meet the mirror within a fiftieth of its radius."""
@@ -54,11 +61,11 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
     @property
     def bench(self) -> Bench:
         """The table; its origin is under the mirror's centre of curvature, which is in the light's plane."""
-        back, half = BAR + BARREL[0] + 0.2, max(1.3, self.fan + self.offset + 0.15)
+        back, half = BAR + BARREL[0] + 0.1, max(ROOM, self.fan + self.offset + 0.15)
         if self.light == "lamp":
-            back, half = max(self.far - 1 + 0.3, 1.3), 1.3
+            back, half = max(self.far - 1 + 0.2, ROOM), ROOM
         r = self.radius
-        return Bench(-back * r, 1.25 * r, half * r, (BOARD + LIP + CUT) * r, r)
+        return Bench(-back * r, ROOM * r, half * r, (BOARD + LIP + CUT) * r, r)
 
     @property
     def watch(self) -> float:
@@ -88,10 +95,19 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         vertex = (r * cos(self.tilt), r * sin(self.tilt), bench.plane)
         bent_mirror(scene, vertex, self.tilt, Strip(r, self.aperture * r, CUT * r))
         if self.light == "fan":
-            bench.lasers(scene, -BAR * r, spread(self.fan * r, self.count), self.motion)
+            self.place_sheet(scene, bench.lasers(scene, -BAR * r, spread(self.fan * r, self.count), self.motion))
         else:
             self.place_lamp(scene)
         scene.resolve(time=0.5, length=BULB * r, duration=self.watch)
+
+    def place_sheet(self, scene: Scene, bar: Part) -> None:
+        """Light as wide as the fan, whose caustic path-traced pictures show on the table."""
+        above, half, slope = SHEET
+        quat = np.zeros(4)
+        mujoco.mju_mulQuat(quat, np.array([cos(slope / 2), 0, sin(slope / 2), 0]), np.full(4, 0.5))
+        place = (0, 0, above * self.radius)
+        bar.body("bar").add_site(name=bar.name("sheet"), pos=place, quat=quat, size=(1e-3, 0, 0), rgba=(0, 0, 0, 0))
+        scene.lamps.append(Lamp(bar.name("sheet"), (self.fan * self.radius, half * self.radius)))
 
     def place_lamp(self, scene: Scene) -> None:
         """A lamp on its rail along the x axis, on its way towards the mirror."""
@@ -264,7 +280,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         return np.concatenate(found), np.full(2 * len(twin), 2 / self.radius)
 
     @law("α' = α + 2 asin(q sin α/R)", within=(1e-10, 1e-10, 1e-10), unit="rad", limited_by=EXACT,
-         source="Euclid, Elements, book I, prop. 32, and the law of sines: lamp, centre, place of reflection")  # fmt: skip
+         source="Euclid, Elements, book I, prop. 32, and the law of sines: lamp, centre, spot")  # fmt: skip
     def wide_beams_are_turned_by_the_exact_law(self, run: Run) -> Measurement:
         """35c, exactly: angle of every reflected beam with the axis; q: of the lamp beyond the centre."""
         twin = self.lit(run)
@@ -299,7 +315,8 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         return mirror + (
             f"{self.count} parallel beams of different colours fall on it from a bar that slides to and fro. Those "
             f"close to the axis cross it half a radius from the mirror, the outer ones ever nearer to it, as the law "
-            f"of equal angles demands of a sphere; all of them touch a caustic with a cusp in the focus. On their way {outcome}."
+            f"of equal angles demands of a sphere; all of them touch a caustic with a cusp in the focus. On their way "
+            f"{outcome}."
         )
 
 
