@@ -239,7 +239,8 @@ def _textured(model: Any, geom: int, mesh: Mesh) -> Mesh:
     """With the texture coordinates that MuJoCo gives a geom; (0, 0) is the first texel of the texture's data.
 
     A cube map is looked up from the middle, in the geom's own proportions unless `texuniform`; a flat texture lies on a
-    plane as it is, on the sides of a box one by one, round a cylinder in rings, and on all else as seen from above.
+    plane as it is, on each side of a box from its upper left seen from outside, round a cylinder in rings, and on all
+    else as seen from above.
     """
     texture = texture_of(model, geom)
     if texture < 0:
@@ -252,17 +253,20 @@ def _textured(model: Any, geom: int, mesh: Mesh) -> Mesh:
     if mesh.uv is not None:
         return replace(mesh, uv=mesh.uv * model.mat_texrepeat[material])
     mesh = mesh.apart()
-    _, facing = mesh.faces()
+    facing = np.round(mesh.faces()[1], 6)
     axis = np.repeat(np.argmax(np.abs(facing), axis=1), 3)
     first, second = np.zeros(len(axis), int), np.ones(len(axis), int)
+    ways = np.ones(len(axis)), np.ones(len(axis))
     if kind == mujoco.mjtGeom.mjGEOM_BOX.value:
         first, second = np.where(axis == 0, 1, 0), np.where(axis == 2, 1, 2)
+        outward = np.repeat(np.sign(facing).sum(axis=1), 3)
+        ways = np.where(axis == 0, outward, np.where(axis == 1, -outward, 1)), np.where(axis == 2, -outward, -1)
     elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER.value:
         second = np.where(axis == 2, 1, 2)
     repeat = model.mat_texrepeat[material]
     flat = []
-    for along, times in ((first, repeat[0]), (second, repeat[1])):
-        place, half = np.take_along_axis(mesh.points, along[:, None], 1)[:, 0], size[along]
+    for along, way, times in zip((first, second), ways, repeat, strict=True):
+        place, half = way * np.take_along_axis(mesh.points, along[:, None], 1)[:, 0], size[along]
         flat.append((place + half) * times / 2 if uniform else (place + half) / (2 * half) * times)
     return replace(mesh, uv=np.stack(flat, 1))
 
