@@ -189,8 +189,9 @@ def on_plane(start: ArrayLike, way: ArrayLike, point: ArrayLike, normal: ArrayLi
     r + d (p - r)·n/(d·n)
     """
     r, d, p, n = (np.asarray(x, float) for x in (start, way, point, normal))
-    far = np.sum((p - r) * n, axis=-1, keepdims=True) / np.sum(d * n, axis=-1, keepdims=True)
-    return np.asarray(r + far * d)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere
+        far = np.sum((p - r) * n, axis=-1, keepdims=True) / np.sum(d * n, axis=-1, keepdims=True)
+        return np.asarray(r + far * d)
 
 
 def enter(start: Array, way: Array, normals: Array, offsets: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -80,8 +80,9 @@ def test_mirrors_met_in_the_order_of_a_list_are_found_out(monkeypatch: pytest.Mo
 
         def build(self, scene: Scene) -> None:
             super().build(scene)
-            first, way = self.layout.middles[0], self.layout.way
-            standing_mirror(scene, "behind", first + 0.3 * way, self.layout.normals[0], (0.1, 0.1))
+            if self.arrangement == "route":
+                place = self.layout.middles[0] + 0.3 * self.layout.way
+                standing_mirror(scene, "behind", place, self.layout.normals[0], (0.1, 0.1))
 
     run = simulate_specimen(Behind(), fidelity=DRAFT)
     assert not failed(untraced(run))
