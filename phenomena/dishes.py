@@ -109,7 +109,8 @@ def bent_mirror(scene: Scene, vertex: ArrayLike, heading: float, strip: Strip) -
         userface=_sheet().ravel(), userfacenormal=_sheet().ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )  # fmt: skip
     points, normals = strip.grid(LIP * unit)
-    both = np.concatenate([points - depth * unit * normals for depth in BEHIND])
+    level = normals * (1.0, 0.0, 1.0)  # so that its edges stay level
+    both = np.concatenate([points - depth * unit * level for depth in BEHIND])
     faces = np.concatenate([_sheet(), _sheet(len(points), turned=True), _border(len(points))])
     scene.spec.add_mesh(
         name=part.name("shell_mesh"), uservert=both.ravel(), userface=faces.ravel(),

@@ -32,6 +32,9 @@ slope downwards [rad], with which it grazes the table after the mirror."""
 CLOSE: Final = 0.004
 """Angle of the two beams close to the axis [rad]: they meet the mirror within a fiftieth of its radius."""
 
+STEEP: Final = 0.9
+"""Where a beam farther off the axis than this, in radii, touches the caustic five samples are too far apart to tell."""
+
 BULB: Final = 0.025
 """Radius of the lamp, in radii of the mirror."""
 
@@ -214,30 +217,31 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         count, sure = self.due(self.heights(twin))
         return 1 + self.reflections(twin)[sure], 1 + count[sure]
 
-    @law("x² + y² = R²/4 + ¾ (R² y)^⅔", source="C. Huygens, Traité de la lumière, ch. 6: the nephroid",
-         within=(1e-7, 1e-7, 1e-7), limited_by="five neighbouring samples stand for a derivative")  # fmt: skip
+    @law("x = R (3 cos θ - cos 3θ)/4, y = R sin³ θ", source="C. Huygens, Traité de la lumière, ch. 6: the nephroid",
+         within=(1e-6, 1e-6, 1e-6), limited_by="five neighbouring samples stand for a derivative")  # fmt: skip
     def reflected_beams_touch_a_nephroid(self, run: Run) -> Measurement:
-        """35d: square of the distance from the centre of curvature at which a beam, once reflected, meets its neighbour
-        of an instant later; the cusp, y = 0, is at R/2."""
+        """35d: place (x, y) from the centre of curvature at which a beam, once reflected, meets its neighbour of an
+        instant later; sin θ is its height over R, and the cusp, θ = 0, is at R/2."""
         twin = self.fanned(run)
         y = twin.joint("laser_bar/slide")
         found, due = [], []
         for k, rays in enumerate(self.beams(twin)):
             count, sure = self.due(self.heights(twin)[:, k])
-            seen = sure & (count > 0)
+            seen = sure & (count > 0) & (np.abs(self.heights(twin)[:, k]) < STEEP * self.radius)
             i = np.flatnonzero(np.convolve(seen, np.ones(5), "same") == 5)
             i = i[self.motion.steady(twin.t)[i]]
             way = rays.directions(1)[:, :2]
             normal = np.column_stack([-way[:, 1], way[:, 0]])
             far = np.einsum("ti,ti->t", normal, rays.points[:, 1, :2])
             step = (y[i + 1] - y[i - 1]) / 2
-            turn, shift = (slope(quantity, i, step) for quantity in (normal, far[:, None]))
-            # n·p = c and n'·p = c'
-            rows = np.stack([normal[i], turn], axis=1)
-            right = np.stack([far[i], shift[:, 0]], axis=1)
-            touched = np.linalg.solve(rows, right[..., None])[..., 0]
-            found.append((touched**2).sum(axis=1))
-            due.append(self.radius**2 / 4 + 0.75 * (self.radius**2 * np.abs(touched[:, 1])) ** (2 / 3))
+            turn, shift = slope(normal, i, step), slope(far[:, None], i, step)
+            # n·p = c and n'·p = c', with n' across n: p = c n + c' n'/n'²
+            with np.errstate(divide="ignore", invalid="ignore"):
+                touched = far[i, None] * normal[i] + shift * turn / (turn**2).sum(axis=1, keepdims=True)
+            theta = np.arcsin(self.heights(twin)[i, k] / self.radius)
+            curve = np.column_stack([(3 * np.cos(theta) - np.cos(3 * theta)) / 4, np.sin(theta) ** 3])
+            found.append(touched.ravel())
+            due.append(self.radius * curve.ravel())
         if not sum(map(len, found)):
             raise NotEvaluated("no beam meets the mirror while the bar moves evenly")
         return np.concatenate(found), np.concatenate(due)

@@ -27,7 +27,7 @@ ROOM: Final = 2.6
 """From the mirror's path to the wall behind it, in its radii."""
 
 START: Final = 1.3
-"""The mirror's middle beside the outermost beam at the start, in its radii."""
+"""The mirror's middle beside the outermost beam at the start, in its radii, or more if it is fast."""
 
 COLUMN: Final = 0.7
 """Half the height of the column, in its radii; the beams meet it half-way up."""
@@ -68,7 +68,7 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
         """The table; the mirror's path is the line x = 0, and the light's plane is that of its middle."""
         r = self.radius
         high = 1.0 if self.mirror == "ball" else 3 * RAIL + COLUMN
-        return Bench(-(BAR + BARREL[0] + 0.2) * r, ROOM * r, (self.fan + START + 1.2) * r, (BOARD + high) * r, r)
+        return Bench(-(BAR + BARREL[0] + 0.2) * r, ROOM * r, 1.2 * r - self.first, (BOARD + high) * r, r)
 
     @property
     def speed(self) -> float:
@@ -77,13 +77,13 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
 
     @property
     def first(self) -> float:
-        """Where the mirror's middle is at the start, along y [m]."""
-        return -(self.fan + START) * self.radius
+        """Where the mirror's middle is at the start, along y [m]; as far beyond, it is two seconds later at least."""
+        return -max(self.fan + START, self.pace) * self.radius
 
     @property
     def watch(self) -> float:
         """How long it is watched [s]: until the mirror has passed all beams, at most 8 s."""
-        return min(max(2.0, 2 * (self.fan + START) / self.pace), 8.0)
+        return min(-2 * self.first / self.speed, 8.0)
 
     @property
     def beside(self) -> Array:
@@ -190,7 +190,8 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
             i = np.flatnonzero((off < (1 - RIM) * self.radius) & (np.abs(y) > OFF_AXIS * self.radius))
             if len(i):
                 start, way = rays.points[i, 1] - middle[i], rays.directions(1)[i]
-                found.append(start[:, 1] / way[:, 1] * way[:, 0] - start[:, 0])
+                with np.errstate(divide="ignore"):
+                    found.append(start[:, 1] / way[:, 1] * way[:, 0] - start[:, 0])
                 due.append(self.radius / (2 * np.sqrt(1 - (off[i] / self.radius) ** 2)))
         if not found:
             raise NotEvaluated("no beam meets the mirror off its middle")
