@@ -43,6 +43,9 @@ STARTS: Final = np.array([0.5, -0.9])
 INSTANTS: Final = 24
 """At which images are looked for."""
 
+TIPS: Final = "foot", "top", "end", "peg"
+"""Sites of the letter: four points that are in no plane."""
+
 MIRROR, GLASS, THING = "mirror/mirror", "mirror/glass", "ball/ball"
 
 
@@ -75,7 +78,7 @@ class MirrorReflect(Phenomenon, domain="optics"):
 
     @property
     def tips(self) -> Array:
-        """Four points of the letter that are in no plane, in its body's axes: foot, top, arm and peg (4, 3) [m]."""
+        """Where the four `TIPS` of the letter are, in its body's axes (4, 3) [m]."""
         return self.letter * np.array([[0, -0.2, 0], [0, -0.2, 1], [0, 0.4, 1], [0.3, -0.2, 0.3]]) + (0, 0, DISC[1])
 
     def build(self, scene: Scene) -> None:
@@ -113,13 +116,16 @@ class MirrorReflect(Phenomenon, domain="optics"):
                 geom.pos, geom.size = (side * thick, h * y, h * z + level), (thick, h * wide, h * high)
         peg = part.geom("peg")
         peg.fromto, peg.size[0] = (2 * thick, *self.tips[3, 1:], *self.tips[3]), 0.03 * h
+        for name, place in zip(TIPS, self.tips, strict=True):
+            part.site(name).pos = place
         joint = part.name("hinge")
         scene.speed[joint] = self.turn
         scene.motors.append(Motor(joint, ((0.0, self.turn),)))
 
     def points(self, run: Run) -> Array:
         """What is looked at: the ball's centre and the letter's four tips, (T, 5, 3) [m]."""
-        turned = np.einsum("tij,kj->tki", quaternion_matrix(run.quaternion("letter/letter")), self.tips)
+        tips = np.array([run.model.site(f"letter/{name}").pos for name in TIPS])
+        turned = np.einsum("tij,kj->tki", quaternion_matrix(run.quaternion("letter/letter")), tips)
         return np.concatenate([run.position(THING)[:, None], run.position("letter/letter")[:, None] + turned], axis=1)
 
     def looked(self, run: Run) -> tuple[NDArray[np.int64], Array]:
