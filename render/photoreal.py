@@ -2,17 +2,21 @@
 
 Depth and segmentation stay the rasteriser's. Three pictures are made and laid together:
 
-    scene      what there is, lit by the sun and the sky, path-traced and denoised;
-    caustics   light that only a tracer of particles finds: of `Lamp`s, and of the sun by way of mirrors and glass;
+    daylight   what there is, lit by the sun and the sky: paths from the eye;
+    caustics   what only particles of light find: from `Lamp`s, and from the sun by way of mirrors and glass;
     overlay    beams and what else is no matter, drawn over it, in mirrors and through glass too: seen, without shadow.
 
-Colours of a scene are meant as they are seen, so they are decoded from sRGB before light is calculated and the
-picture is encoded at the end. The sky's gradient is the light from everywhere. A lamp of MuJoCo that casts shadows is a
-sun of its direction and strength, as wide as the real one; one that casts none is a filling light, which the sky makes
-superfluous. Of a material, colour, texture, specular and shininess are read; from a specular of 0.55 on it is a metal.
+The sum of the first two is denoised, guided by the rasteriser's picture.
 
-Defects: three colours, no spectrum, so glass does not disperse; the sun that reaches a thing inside or behind glass
-straight does so only as a caustic; a caustic of the sun takes mirrors and glass to be convex, and unshaded.
+Colours of a scene are meant as they are seen, so they are decoded from sRGB before light is calculated and the
+picture is encoded at the end. The sky's gradient, palest above the horizon, is the light from everywhere. A lamp of
+MuJoCo that casts shadows is a sun of its direction and strength, as wide as the real one; one that casts none is a
+filling light, which the sky makes superfluous. Of a material, colour, texture, specular and shininess are read; from a
+specular of 0.55 on it is a metal.
+
+Defects: three colours, no spectrum, so glass does not disperse. Caustics are seen directly, not again in a mirror or
+through glass; those of the sun take what makes them to be as large as its convex outline, and all of it in the sun if
+its middle is. A lamp's opening hides the caustics behind it. Beams light nothing.
 """
 
 from __future__ import annotations
@@ -41,16 +45,16 @@ Array = NDArray[np.float64]
 
 EXTRA: Final = "pip install 'physinone-mj[photoreal]'"
 
-SUN: Final = (4.9, 4.7, 4.4)
+SUN: Final = (4.3, 4.2, 4.05)
 """Irradiance of the sun for a diffuse light of 1 in MuJoCo; π lets a white surface be seen as white. With the blue of
 the sky, it adds up to about 1 and to no colour on level ground."""
 SUN_RADIUS: Final = math.radians(0.27)
 SUNS: Final = 16
 """Points of the sun's disc that shine: directions, not areas, so that smooth mirrors make no bright specks."""
 
-SKY: Final = 0.9
+SKY: Final = 0.8
 """Radiance of the sky where it is seen as white."""
-PALE: Final = 0.5
+PALE: Final = 0.3
 """How much of the sky's colour is taken away: the zenith would make shadows bluer than cameras show them."""
 
 METAL: Final = 0.55
@@ -170,7 +174,7 @@ class Studio:
         "wire<i>". `black`: mirrors and glass as they are, all else dark."""
         model, data, found = self.raster.model, self.raster.data, {}
         for geom in range(model.ngeom):
-            if model.geom_group[geom] in (HIDDEN, IMMATERIAL) or model.geom_rgba[geom, 3] == 0:
+            if model.geom_group[geom] in (HIDDEN, IMMATERIAL) or self._rgba(geom)[3] == 0:
                 continue
             place = np.concatenate([data.geom_xpos[geom], data.geom_xmat[geom]])
             kept = self._kept.get((geom, black))
@@ -312,14 +316,18 @@ class Studio:
             (0.5, 0.5) if material < 0
             else (float(model.mat_specular[material]), float(model.mat_shininess[material]))
         )  # fmt: skip
-        rgba = tuple(float(v) for v in model.geom_rgba[geom])
-        if material >= 0 and rgba == (0.5, 0.5, 0.5, 1.0):
-            rgba = tuple(float(v) for v in model.mat_rgba[material])
+        rgba = self._rgba(geom)
         texture = shapes.texture_of(model, geom)
         if mean and texture >= 0:
             even = _texels(model, texture).reshape(-1, 3).mean(axis=0) * rgba[:3]
             rgba, texture = (*even.tolist(), rgba[3]), -1
         return self._plain(rgba, specular, shininess, black, texture)
+
+    def _rgba(self, geom: int) -> tuple[float, ...]:
+        """Colour of a geom: its own, unless that was left as MuJoCo has it and there is a material's."""
+        model, material = self.raster.model, int(self.raster.model.geom_matid[geom])
+        own = tuple(model.geom_rgba[geom].tolist())
+        return tuple(model.mat_rgba[material].tolist()) if material >= 0 and own == (0.5, 0.5, 0.5, 1.0) else own
 
     def _plain(
         self, rgba: tuple[float, ...], specular: float, shininess: float, black: bool, texture: int = -1
@@ -471,9 +479,10 @@ class Studio:
         for line in self.raster.lines:
             spot = shapes.ellipsoid(np.full(3, SPOT * line.radius)).placed(line.points[-1], np.eye(3))
             found.setdefault(tuple(line.rgba), []).extend([shapes.tube(line.points, line.radius), spot])
-        for geom in np.flatnonzero((model.geom_group == IMMATERIAL) & (model.geom_rgba[:, 3] > 0)):
-            mesh = shapes.of_geom(model, int(geom)).placed(data.geom_xpos[geom], data.geom_xmat[geom])
-            found.setdefault(tuple(model.geom_rgba[geom].tolist()), []).append(mesh)
+        for geom in np.flatnonzero(model.geom_group == IMMATERIAL).tolist():
+            mesh = shapes.of_geom(model, geom).placed(data.geom_xpos[geom], data.geom_xmat[geom])
+            if self._rgba(geom)[3] > 0:
+                found.setdefault(self._rgba(geom), []).append(mesh)
         for tendon, path in self._ropes(IMMATERIAL):
             mesh = shapes.tube(path, float(model.tendon_width[tendon]))
             found.setdefault(tuple(model.tendon_rgba[tendon].tolist()), []).append(mesh)
@@ -538,7 +547,7 @@ def _sky(model: Any) -> Array:
     width = texels.shape[1]
     side = texels[: 6 * width].reshape(-1, width, width, 3)[-1][:, width // 2]
     elevation = math.pi * (0.5 - (np.arange(64) + 0.5) / 64)
-    row = (1 - np.sin(elevation)) / 2 * (width - 1)
+    row = (1 - np.sqrt(np.maximum(np.sin(elevation), 0))) * (width - 1)  # the sky is palest above the horizon
     light = decoded(side[np.round(row).astype(int)])
     light = (1 - PALE) * light + PALE * light.mean(axis=1, keepdims=True)
     return np.asarray(np.repeat(light[:, None], 8, 1))

@@ -205,6 +205,27 @@ def test_the_sun_makes_shadows_where_it_should(mitsuba):
     assert 0.25 < beside < 0.8
 
 
+def test_a_mirror_throws_the_sun_where_the_law_of_reflection_says(mitsuba):
+    way = np.array([-0.42, 0.34, -1.0]) / np.linalg.norm([-0.42, 0.34, -1.0])  # of the stage's key light
+    normal = np.array([0.42, -0.34, 0.0]) / math.hypot(0.42, 0.34)
+    turn = math.degrees(math.atan2(normal[1], normal[0]))
+    model, ids = staged(f"""<mujoco><worldbody>
+      <geom name="glass" type="box" size=".01 .15 .1" pos="0 0 .3" euler="0 0 {turn}"/></worldbody></mujoco>""")
+    on = np.array([0, 0, 0.3]) + 0.01 * normal
+    mirror = Mirror("glass", tuple(on.tolist()), tuple(normal.tolist()))
+    back = way - 2 * (way @ normal) * normal
+    patch, behind = (on + on[2] / -ray[2] * ray for ray in (back, way))
+    sphere = Sphere(np.array([0, 0, 0.1]), 0.5)
+    pose = orbit(sphere, 0.9, 1.0, fit_distance(0.5))
+    with Raster(model, (120, 120), ids, sphere=sphere) as raster:
+        lit, plain = (light(studio(raster, 16, mirrors=m).colour(pose)).mean(axis=2) for m in ((mirror,), ()))
+    (column, row), (column_behind, row_behind) = (
+        project(p, pose, FOV, (120, 120))[0].astype(int) for p in (patch, behind)
+    )
+    assert lit[row, column] > 1.15 * plain[row, column]
+    assert lit[row_behind, column_behind] == pytest.approx(plain[row_behind, column_behind], rel=0.1)
+
+
 BALL = """<mujoco><worldbody><geom type="sphere" size=".1" pos="0 .3 .2" rgba=".2 .4 .8 1"/></worldbody></mujoco>"""
 
 
