@@ -186,6 +186,15 @@ class Eye:
         return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
 
 
+def hull(windows: Sequence[Window]) -> Window | None:
+    """The smallest window that holds some others; None if there are none."""
+    if not windows:
+        return None
+    left, top = (min(window[k] for window in windows) for k in (0, 1))
+    right, bottom = (max(window[k] + window[k + 2] for window in windows) for k in (0, 1))
+    return left, top, right - left, bottom - top
+
+
 @dataclass(frozen=True)
 class Share:
     """How much of each pixel inside a window is a mirror's: weights (H, W) from 0 to 1."""

@@ -556,12 +556,13 @@ class Raster:
         least = mirrors.GRAZING * self.sphere.radius
         facing = [mirror for mirror in self._mirrors if mirror.before(eye.place) > least]
         corners = [geom_corners(self._model, self._data, np.array(mirror.geoms)) for mirror in facing]
-        window = eye.window(np.concatenate(corners)) if facing else None
+        window = mirrors.hull([own for ends in corners if (own := eye.window(ends))])
         fewest = mirrors.FEWEST if eye is head else mirrors.FEWEST_AGAIN
         if window is None or window[2] * window[3] < fewest:
             return
         glass, _ = self._fine
-        for mirror, ends, share in zip(facing, corners, self._shares(eye, window, facing, fewest), strict=True):
+        shares = self._shares(eye, window, list(zip(facing, corners, strict=True)), fewest)
+        for mirror, ends, share in zip(facing, corners, shares, strict=True):
             if share is None:
                 continue
             image = Image.of(mirror, eye, share, ends, (glass.offWidth, glass.offHeight))
@@ -570,9 +571,11 @@ class Raster:
                 self._put_images(shown, image.eye, head, orders - 1)
             image.lay(shown, picture, share)
 
-    def _shares(self, eye: Eye, window: Window, facing: list[Mirror], fewest: float) -> list[Share | None]:
+    def _shares(
+        self, eye: Eye, window: Window, facing: list[tuple[Mirror, NDArray[np.float64]]], fewest: float
+    ) -> list[Share | None]:
         """How much of each pixel inside a window is each mirror's, seen from its front and not hidden; None for a
-        mirror that has fewer pixels than `fewest`.
+        mirror that has fewer pixels than `fewest`. The mirrors come with the corners (N, 3) [m] of their geoms.
 
         What is translucent takes away as much as it hides, if no two such things are before one another.
         """
@@ -607,14 +610,21 @@ class Raster:
             clear[:] = cv2.extractChannel(self._render(part, scene, buffers)[0], 0)
             clear -= 1
             clear /= 254
-        shares = []
-        for mirror in facing:
+        shares: list[Share | None] = []
+        for mirror, corners in facing:
+            own = eye.window(corners)
+            if own is None:
+                shares.append(None)
+                continue
+            left, top = own[0] - window[0], own[1] - window[1]
+            fine = slice(top * times, (top + own[3]) * times), slice(left * times, (left + own[2]) * times)
             weights = np.zeros((256, 1), np.float32)
             weights[[number[geom] for geom in mirror.geoms]] = 1
-            on_face = np.abs(part.heights(mirror, depth)) < ON_FACE * self.sphere.radius
-            mine = np.where(on_face, cv2.multiply(cv2.LUT(labels, weights), clear), 0)
-            weight = cv2.resize(mine, window[2:], interpolation=cv2.INTER_AREA)
-            shares.append(Share.of(np.asarray(weight, np.float32), *window[:2], fewest))
+            height = eye.part(own).finer(times).heights(mirror, depth[fine])
+            here = cv2.multiply(cv2.LUT(labels[fine], weights), clear[fine])
+            mine = np.where(np.abs(height) < ON_FACE * self.sphere.radius, here, 0)
+            weight = cv2.resize(mine, own[2:], interpolation=cv2.INTER_AREA)
+            shares.append(Share.of(np.asarray(weight, np.float32), *own[:2], fewest))
         return shares
 
     def _show(self, geoms: NDArray[np.bool_], tendons: NDArray[np.bool_], coils: Collection[Wire]) -> None:
