@@ -321,7 +321,7 @@ class LaserBlock(Phenomenon, domain="optics"):
     @law("d > r: Δt = 0", source="by definition: a ball; beyond its radius there is none of it",
          within=(1e-4, 1e-5, 1e-5), limited_by="instants between samples follow a cubic")  # fmt: skip
     def what_does_not_touch_the_beam_does_not_block_it(self, run: Run) -> Measurement:
-        """38d: how long a ball blocks the beam whose middle passes at 0.99 of its radius, over what is due; and how often
+        """38d: how long a ball whose middle passes at 0.99 of its radius blocks it, over what is due; and how often
         and in how many samples one at 1.01 does."""
         near, beside = (run.again(blocker="ball", graze=graze) for graze in (0.99, 1.01))
         into, out = near.specimen.blocked(near)
