@@ -213,6 +213,8 @@ class FixedArrayRedirect(Phenomenon, domain="optics"):
         else:
             for k, (middle, normal) in enumerate(zip(layout.middles, layout.normals, strict=True)):
                 part = standing_mirror(scene, f"mirror{k}", middle, normal, layout.size)
+                foot = part.geom("foot")
+                foot.size[0] = min(foot.size[0], self.gap / 2) if self.arrangement == "zigzag" else foot.size[0]
             turning = lasers.swivel(part)
         scene.motors.append(Motor(turning, self.glide.course))
         shine(scene, layout.mouth, layout.way, bounces=MOST, reach=REACH)
