@@ -14,6 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from physinone_mj import optics
+from physinone_mj.optics import Rays
+from physinone_mj.run import Run
 from physinone_mj.scene import Beam, Conic, Motor, Part, Scene
 
 from .lasers import DRY
@@ -50,9 +53,9 @@ _COLUMNS, _ROWS = 160, 6
 
 @dataclass(frozen=True)
 class Strip:
-    """A strip of a spherical mirror, in the axes of its vertex: z the optical axis, x along the strip, y up.
+    """A strip of a concave spherical mirror, in the axes of its vertex: z the optical axis, x along the strip, y up.
 
-    radius: positive concave, negative convex [m]; aperture: half its length [m]; half: of its height [m]
+    radius: of curvature [m]; aperture: half its length [m]; half: of its height [m]
     """
 
     radius: float
@@ -63,15 +66,12 @@ class Strip:
         """Points (n, 3) [m] and normals (n, 3) towards z of its surface, row by row, with a border above and below."""
         points = []
         for y in np.linspace(-self.half - lip, self.half + lip, _ROWS + 1):
-            widest = asin(sqrt(self.aperture**2 - y**2) / abs(self.radius))
-            x = abs(self.radius) * np.sin(np.linspace(-widest, widest, _COLUMNS + 1))
-            points.append(np.column_stack([x, np.full_like(x, y), self._height(x**2 + y**2)]))
+            widest = asin(sqrt(self.aperture**2 - y**2) / self.radius)
+            x = self.radius * np.sin(np.linspace(-widest, widest, _COLUMNS + 1))
+            z = self.radius - np.sqrt(self.radius**2 - x**2 - y**2)
+            points.append(np.column_stack([x, np.full_like(x, y), z]))
         found = np.concatenate(points)
-        normals = (np.array([0.0, 0.0, self.radius]) - found) / self.radius
-        return found, normals
-
-    def _height(self, square: Array) -> Array:
-        return np.asarray(self.radius - np.sign(self.radius) * np.sqrt(self.radius**2 - square))
+        return found, (np.array([0.0, 0.0, self.radius]) - found) / self.radius
 
 
 def _sheet(first: int = 0, *, turned: bool = False) -> NDArray[np.int32]:
@@ -97,12 +97,12 @@ def _border(count: int) -> NDArray[np.int32]:
 
 
 def bent_mirror(scene: Scene, vertex: ArrayLike, heading: float, strip: Strip) -> Part:
-    """A strip of a spherical mirror, standing on its edge with its vertex at a place (3,) [m], its back towards a
-    heading [rad] from x towards y."""
+    """A strip of a concave mirror on its edge: its vertex at a place (3,) [m], its back towards a heading [rad],
+    from x towards y."""
     part = scene.add("bent_mirror")
     body = part.body("mirror")
     body.pos, body.quat = np.asarray(vertex, float), (cos(heading / 2), 0, 0, sin(heading / 2))
-    unit = abs(strip.radius)
+    unit = strip.radius
     points, normals = strip.grid()
     scene.spec.add_mesh(
         name=part.name("silver_mesh"), uservert=points.ravel(), usernormal=normals.ravel(),
@@ -240,6 +240,22 @@ class Shuttle:
 def spectral(k: int, count: int) -> tuple[float, float, float, float]:
     """Colour of one of some beams, from red to violet; a mirror throws all colours alike."""
     return (*hsv_to_rgb(0.78 * k / max(count - 1, 1), 0.85, 1.0), 1.0)
+
+
+def traced(run: Run) -> list[Rays]:
+    """All beams of a run, in their order."""
+    return [optics.trace(run, beam.name) for beam in run.scene.beams]
+
+
+def ends(run: Run) -> Array:
+    """Where each beam ends (T, n, 3) [m]."""
+    return np.stack([rays.ends for rays in traced(run)], axis=1)
+
+
+def slope(values: Array, i: NDArray[np.int64], step: Array) -> Array:
+    """Derivative (n, k) of values (T, k) at samples i (n,), by those two before and after, a step (n,) apart."""
+    rise = 8 * (values[i + 1] - values[i - 1]) - (values[i + 2] - values[i - 2])
+    return np.asarray(rise / (12 * step[:, None]))
 
 
 def spread(half: float, count: int) -> Array:

@@ -14,7 +14,8 @@ from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomen
 from physinone_mj.run import Run
 from physinone_mj.scene import Lamp, Motor, Part, Scene
 
-from .dishes import BARREL, BOARD, CUT, LIP, RAMP, Bench, Shuttle, Strip, bent_mirror, spectral, spread
+from . import dishes
+from .dishes import BARREL, BOARD, CUT, LIP, RAMP, Bench, Shuttle, Strip, bent_mirror, slope, spectral, spread, traced
 from .lasers import DRY, EXACT
 
 Array = NDArray[np.float64]
@@ -134,10 +135,6 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         scene.motors.append(Motor(part.name("slide"), ((arrival, self.pace * r), (arrival + RAMP, 0.0))))
         scene.start[part.name("slide")], scene.speed[part.name("slide")] = first, self.pace * r
 
-    def beams(self, run: Run) -> list[optics.Rays]:
-        """All beams, as they were traced."""
-        return [optics.trace(run, beam.name) for beam in run.scene.beams]
-
     def heights(self, run: Run) -> Array:
         """Of the fan's beams beside the centre of curvature (T, n) [m], from the recorded place of the bar."""
         return np.asarray(run.joint("laser_bar/slide")[:, None] + spread(self.fan * self.radius, self.count))
@@ -183,12 +180,12 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
     @observable("1")
     def reflections(self, run: Run) -> Array:
         """How often each beam is reflected (T, n)."""
-        return np.stack([(rays.geoms > optics.NO_RAY).sum(axis=1) - 1.0 for rays in self.beams(run)], axis=1)
+        return np.stack([(rays.geoms > optics.NO_RAY).sum(axis=1) - 1.0 for rays in traced(run)], axis=1)
 
     @observable("m")
     def ends(self, run: Run) -> Array:
         """Where each beam ends (T, n, 3)."""
-        return np.stack([rays.ends for rays in self.beams(run)], axis=1)
+        return dishes.ends(run)
 
     @law("x = R/(2 √(1 - y²/R²))", within=(1e-10, 1e-10, 1e-10), limited_by=EXACT,
          source="E. Hecht, Optics, §5.4.3, but exactly: a triangle of equal sides on the radius")  # fmt: skip
@@ -197,7 +194,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         for one that ought to be reflected and is not."""
         twin = self.fanned(run)
         found, due = [], []
-        for rays, y in zip(self.beams(twin), self.heights(twin).T, strict=True):
+        for rays, y in zip(traced(twin), self.heights(twin).T, strict=True):
             count, sure = self.due(y)
             i = np.flatnonzero(sure & (count > 0) & (np.abs(y) > OFF_AXIS * self.radius))
             if len(i):
@@ -225,7 +222,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         twin = self.fanned(run)
         y = twin.joint("laser_bar/slide")
         found, due = [], []
-        for k, rays in enumerate(self.beams(twin)):
+        for k, rays in enumerate(traced(twin)):
             count, sure = self.due(self.heights(twin)[:, k])
             seen = sure & (count > 0) & (np.abs(self.heights(twin)[:, k]) < STEEP * self.radius)
             i = np.flatnonzero(np.convolve(seen, np.ones(5), "same") == 5)
@@ -251,7 +248,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
     def light_through_the_centre_returns_on_itself(self, run: Run) -> Measurement:
         """35b: from the lamp to the mirror's vertex on its axis, where its widest beams return on themselves."""
         twin = self.lit(run)
-        x, beams = twin.joint("lamp_slide/slide"), self.beams(twin)
+        x, beams = twin.joint("lamp_slide/slide"), traced(twin)
         vertex = vertex_of(twin)
         found = []
         for rays in (beams[0], beams[self.count - 1]):
@@ -275,7 +272,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         """35c: 1/s of lamp and image, the latter where the beams close to the axis cross it, before the mirror or
         behind; relative to the mirror's vertex on the axis."""
         twin = self.lit(run)
-        vertex, beams = vertex_of(twin), self.beams(twin)
+        vertex, beams = vertex_of(twin), traced(twin)
         found = []
         for rays in beams[self.count :]:
             hit, way = rays.points[:, 1], rays.directions(1)
@@ -290,7 +287,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         twin = self.lit(run)
         q = -twin.joint("lamp_slide/slide")
         found, due = [], []
-        for rays, angle in zip(self.beams(twin), self.angles, strict=True):
+        for rays, angle in zip(traced(twin), self.angles, strict=True):
             way = rays.directions(1)
             found.append(np.arctan2(-way[:, 1], -way[:, 0]))
             due.append(angle + 2 * np.arcsin(q * sin(angle) / self.radius))
@@ -327,9 +324,3 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
 def vertex_of(run: Run) -> float:
     """Where the x axis meets the mirror's sphere, from the model [m]."""
     return float(np.hypot(*run.model.body("bent_mirror/mirror").pos[:2]))
-
-
-def slope(values: Array, i: NDArray[np.int64], step: Array) -> Array:
-    """Derivative (n, k) of values (T, k) at samples i (n,), by five of them a step (n,) apart."""
-    rise = 8 * (values[i + 1] - values[i - 1]) - (values[i + 2] - values[i - 2])
-    return np.asarray(rise / (12 * step[:, None]))

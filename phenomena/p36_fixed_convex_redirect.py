@@ -14,7 +14,8 @@ from physinone_mj.contact import Surface
 from physinone_mj.run import Run
 from physinone_mj.scene import Mirror, Motor, Scene, free_pose
 
-from .dishes import BARREL, BOARD, Bench, spread
+from . import dishes
+from .dishes import BARREL, BOARD, Bench, slope, spread, traced
 from .lasers import DRY, EXACT
 from .parts import sphere_mass
 
@@ -131,10 +132,6 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
             scene.motors.append(Motor(part.name(joint), ((0.0, speed),)))
             scene.speed[part.name(joint)] = speed
 
-    def beams(self, run: Run) -> list[optics.Rays]:
-        """All beams, as they were traced."""
-        return [optics.trace(run, beam.name) for beam in run.scene.beams]
-
     def middle(self, run: Run) -> Array:
         """Of the mirror (T, 3) [m], as recorded."""
         return np.asarray(run.position("mirror_ball/ball" if self.mirror == "ball" else "mirror_column/column"))
@@ -170,14 +167,14 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
     @observable("rad")
     def deviations(self, run: Run) -> Array:
         """Angle by which each beam is turned (T, n); 0 where it misses the mirror."""
-        ways = [(rays.directions(0), rays.directions(1)) for rays in self.beams(run)]
+        ways = [(rays.directions(0), rays.directions(1)) for rays in traced(run)]
         angles = [np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)) for a, b in ways]
         return np.asarray(np.nan_to_num(np.stack(angles, axis=1)))
 
     @observable("m")
     def ends(self, run: Run) -> Array:
         """Where each beam ends (T, n, 3)."""
-        return np.stack([rays.ends for rays in self.beams(run)], axis=1)
+        return dishes.ends(run)
 
     @law("x = R/(2 √(1 - y²/R²))", within=(1e-9, 1e-9, 1e-9), limited_by=EXACT,
          source="E. Hecht, Optics, §5.4.3, but exactly: a triangle of equal sides on the radius")  # fmt: skip
@@ -186,7 +183,7 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
         over what it ought to be; NaN for one that ought to be reflected and is not."""
         found, due = [], []
         middle = self.middle(run)
-        for rays, off, y in zip(self.beams(run), self.struck(run).T, self.passes(run).T, strict=True):
+        for rays, off, y in zip(traced(run), self.struck(run).T, self.passes(run).T, strict=True):
             i = np.flatnonzero((off < (1 - RIM) * self.radius) & (np.abs(y) > OFF_AXIS * self.radius))
             if len(i):
                 start, way = rays.points[i, 1] - middle[i], rays.directions(1)[i]
@@ -215,7 +212,7 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
         distance of the wall."""
         off = self.struck(run)
         sure = np.abs(off - self.radius) > SURE * self.radius
-        met = np.stack([(rays.geoms > optics.NO_RAY).sum(axis=1) for rays in self.beams(run)], axis=1)
+        met = np.stack([(rays.geoms > optics.NO_RAY).sum(axis=1) for rays in traced(run)], axis=1)
         hit = off < self.radius
         free = sure & ~hit
         wall = np.stack([np.full_like(off, self.bench.east), np.broadcast_to(self.beside, off.shape)], axis=-1)
@@ -229,7 +226,7 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
         """36d: speed of each beam's spot along the walls, while the mirror goes by."""
         table = {run.model.geom(f"light_table/{name}").id: name for name in ("west", "east", "south", "north")}
         found, due = [], []
-        for rays, y, beam in zip(self.beams(run), self.passes(run).T, self.beside, strict=True):
+        for rays, y, beam in zip(traced(run), self.passes(run).T, self.beside, strict=True):
             if rays.geoms.shape[1] < 2:
                 continue
             wall = np.where(rays.geoms[:, 1] > optics.NO_RAY, rays.geoms[:, 1], optics.NO_RAY)
@@ -238,9 +235,7 @@ class FixedConvexRedirect(Phenomenon, domain="optics"):
             for number, name in table.items():
                 i = 2 + np.flatnonzero(same & slow & (wall[2:-2] == number))
                 along = 1 if name in ("west", "east") else 0
-                spot = rays.points[:, 2, along]
-                step = run.t[1] - run.t[0]
-                found.append((8 * (spot[i + 1] - spot[i - 1]) - (spot[i + 2] - spot[i - 2])) / (12 * step))
+                found.append(slope(rays.points[:, 2, along, None], i, np.diff(run.t)[i])[:, 0])
                 due.append(self.spot_speed(name, y[i], beam))
         if not sum(map(len, found)):
             raise NotEvaluated("no spot stays on one wall for five samples")
