@@ -45,14 +45,14 @@ Array = NDArray[np.float64]
 
 EXTRA: Final = "pip install 'physinone-mj[photoreal]'"
 
-SUN: Final = (4.3, 4.2, 4.05)
+SUN: Final = (4.6, 4.2, 3.75)
 """Irradiance of the sun for a diffuse light of 1 in MuJoCo; π lets a white surface be seen as white. With the blue of
 the sky, it adds up to about 1 and to no colour on level ground."""
 SUN_RADIUS: Final = math.radians(0.27)
 SUNS: Final = 16
 """Points of the sun's disc that shine: directions, not areas, so that smooth mirrors make no bright specks."""
 
-SKY: Final = 0.8
+SKY: Final = 0.9
 """Radiance of the sky where it is seen as white."""
 PALE: Final = 0.3
 """How much of the sky's colour is taken away: the zenith would make shadows bluer than cameras show them."""
