@@ -345,7 +345,7 @@ class FixedArrayRedirect(Phenomenon, domain="optics"):
         start = pi / 2 - self.angle
         turned = [np.where(twice, np.arctan2(out[:, 1], out[:, 0]) - start, np.nan)]
         due = [2 * opened]
-        for aside in (-0.05, 0.03, 0.05):
+        for aside in (-0.03, 0.02, 0.03):
             way = level_way(start - aside, RISE)
             for i in (0, len(twin) - 1):
                 ray = lasers.probe(twin, i, corners[i, 0] - 0.5 * way, way)
