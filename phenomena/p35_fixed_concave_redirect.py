@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, sin
+from math import asin, atan2, cos, sin, tan
 from typing import Annotated, Final, Literal
 
 import mujoco
@@ -26,9 +26,15 @@ BAR: Final = 1.1
 ROOM: Final = 1.12
 """From the centre of curvature to the walls behind the mirror, in its radii."""
 
-SHEET: Final = (0.15, 0.09, 0.08)
-"""The parallel light of path-traced pictures: its middle over the beams' plane and half its height, in radii, and its
-slope downwards [rad], with which it grazes the table after the mirror."""
+SLOPE: Final = 2 * (CUT + LIP)
+"""Of the parallel light of path-traced pictures, downwards [rad]: after the mirror, which gathers it in height too, its
+focus is half a radius away and lies on the table."""
+
+SHEET: Final = (-0.04, 0.055)
+"""Middle and half the height of this light where it meets the mirror, from the beams' plane, in radii."""
+
+BRIGHT: Final = 4.0
+"""Its strength, in suns: it falls on the table at its slope, so with less than a quarter of that."""
 
 CLOSE: Final = 0.004
 """Angle of the two beams close to the axis [rad]: they meet the mirror within a fiftieth of its radius."""
@@ -106,12 +112,12 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
 
     def place_sheet(self, scene: Scene, bar: Part) -> None:
         """Light as wide as the fan, whose caustic path-traced pictures show on the table."""
-        above, half, slope = SHEET
+        low, half = SHEET
         quat = np.zeros(4)
-        mujoco.mju_mulQuat(quat, np.array([cos(slope / 2), 0, sin(slope / 2), 0]), np.full(4, 0.5))
-        place = (0, 0, above * self.radius)
+        mujoco.mju_mulQuat(quat, np.array([cos(SLOPE / 2), 0, sin(SLOPE / 2), 0]), np.full(4, 0.5))
+        place = (0, 0, (low + (1 + BAR) * tan(SLOPE)) * self.radius)
         bar.body("bar").add_site(name=bar.name("sheet"), pos=place, quat=quat, size=(1e-3, 0, 0), rgba=(0, 0, 0, 0))
-        scene.lamps.append(Lamp(bar.name("sheet"), (self.fan * self.radius, half * self.radius)))
+        scene.lamps.append(Lamp(bar.name("sheet"), (self.fan * self.radius, half * self.radius), BRIGHT))
 
     def place_lamp(self, scene: Scene) -> None:
         """A lamp on its rail along the x axis, on its way towards the mirror."""

@@ -249,6 +249,21 @@ def test_the_picture_is_the_mirror() -> None:
     assert {tuple(e) for e in edges} == {tuple(e[::-1]) for e in edges}
 
 
+def test_the_light_of_path_traced_pictures_has_its_focus_on_the_table() -> None:
+    """Rays from the opening, close to its middle line: by way of the mirror to the board, half a radius from it."""
+    run = shone(tilt=0.0)
+    model, data, r = run.model, mujoco.MjData(run.model), run.specimen.radius
+    mujoco.mj_kinematics(model, data)
+    (lamp,) = run.scene.lamps
+    place, turn = data.site(lamp.site).xpos, data.site(lamp.site).xmat.reshape(3, 3)
+    for aside in (-0.05, 0.0, 0.05):
+        for up in (-0.9, 0.0, 0.9):
+            start = place + turn @ np.array([aside * r, up * lamp.half[1], 0.0])
+            ray = Optics(model, run.scene).follow(data, start, turn[:, 2], reach=10 * r, bounces=9)
+            assert [model.geom(int(g)).name for g in ray.geoms] == ["bent_mirror/silver", "light_table/board"]
+            assert np.linalg.norm(ray.points[-1][:2] - (r / 2, 0)) < 0.06 * r
+
+
 def test_the_mirror_stands_on_the_table_and_its_back_looks_away() -> None:
     run = shone(tilt=0.2)
     mirror = run.model.body("bent_mirror/mirror")
