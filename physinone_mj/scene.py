@@ -26,7 +26,8 @@ IMMATERIAL = 4
 
 
 OPTICAL = 5
-"""Geom group of what shows a curved mirror: seen, and matter, but rays meet the exact surface in its place."""
+"""Geom group of what is seen, and matter, but passed by rays: the picture of a curved mirror, whose exact surface they
+meet instead, and panes so thin that they turn no beam."""
 
 
 class Effect(Protocol):
