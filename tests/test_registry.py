@@ -84,7 +84,8 @@ def test_observables_are_recorded_over_time(index: int) -> None:
     for seen in run.specimen.observables().values():
         values = np.asarray(seen.measure(run.specimen, run))
         assert len(values) == len(run), seen.name
-        assert np.isfinite(values).all(), seen.name
+        told = "NaN" in seen.about  # that, and when, it is missing
+        assert np.isfinite(values).any() if told else np.isfinite(values).all(), seen.name
 
 
 @each
