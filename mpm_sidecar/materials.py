@@ -1,0 +1,425 @@
+"""The five special materials: from the motion of a step to stress, as functions that the solver's kernels close over.
+
+All five are isotropic: of the deformation gradient F only b = F Fᵀ matters. The state is c = b - I, six numbers that
+are zero at rest, so that single precision keeps small strains; no F, no rotation, no singular value decomposition.
+With g = Δt ∇v,
+
+    b' = (I + g) b (I + g)ᵀ,      c' = c + m + mᵀ + m gᵀ,  m = g + g c
+
+The Hencky strain ε = ½ log b and whatever follows from it share their axes with c. With the eigenvalues e₀ ≥ e₁ ≥ e₂ of
+c in closed form, a function of c is its Newton interpolation polynomial
+
+    f(c) = f(e₀) I + f[e₀,e₁] (c - e₀ I) + f[e₀,e₁,e₂] (c - e₀ I)(c - e₁ I)
+
+with divided differences that do not cancel: log1p(z)/z and expm1(y)/y are series near zero (compensated forms would be
+folded away by the compiler).
+
+Literals are of Taichi's default precision: it has to be that of the law (`default_fp`).
+
+Symbols: J = √det b; τ = J T the Kirchhoff stress [Pa]; ê = ε - tr(ε)/3 I; ‖·‖ Frobenius; μ, λ Lamé's constants [Pa].
+Source: the supplement of PhysInOne (CVPR 2026), eq. 2-12, with its slips put right; each material says which.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, ClassVar, Final, Protocol, TypeAlias
+
+from ._ti import ti
+
+Law: TypeAlias = Any
+"""ti.func (state, Δt ∇v (3, 3), Δt [s], parameters) -> (state', Kirchhoff stress (3, 3) [Pa])."""
+
+SMALL: Final = 0.25
+"""|z| up to which log1p(z)/z and expm1(z)/z are series."""
+
+
+def lame(young: float, poisson: float) -> tuple[float, float]:
+    """(μ, λ) [Pa] of Young's modulus [Pa] and Poisson's ratio."""
+    return young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+
+
+@cache
+def functions(real: Any) -> Any:
+    """What the laws share, at a precision: symmetric matrices, logarithms, eigenvalues."""
+    terms = 6 if real == ti.f32 else 9
+    odd = [1 / (2 * k + 1) for k in range(terms, -1, -1)]
+    rising = [1 / math.factorial(k + 1) for k in range(terms + 2, -1, -1)]
+
+    @ti.func
+    def unpack(s):
+        return ti.Matrix([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]])
+
+    @ti.func
+    def pack(c):
+        return ti.Vector([c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2]])
+
+    @ti.func
+    def push(c, grad):
+        """c after a step in which x moves to (I + grad) x."""
+        m = grad + grad @ c
+        return c + m + m.transpose() + m @ grad.transpose()
+
+    @ti.func
+    def excess(c):
+        """det(I + c) - 1."""
+        minors = (
+            c[0, 0] * c[1, 1] - c[0, 1] ** 2 + c[0, 0] * c[2, 2] - c[0, 2] ** 2 + c[1, 1] * c[2, 2] - c[1, 2] ** 2
+        )
+        return c.trace() + minors + c.determinant()
+
+    @ti.func
+    def log1p_over(z):
+        """log(1 + z)/z."""
+        y = ti.cast(0.0, real)
+        if ti.abs(z) < SMALL:
+            w = z / (2 + z)
+            q = w * w
+            s = ti.cast(0.0, real)
+            for term in ti.static(odd):
+                s = s * q + term
+            y = 2 * s / (2 + z)
+        else:
+            y = ti.log(1 + z) / z
+        return y
+
+    @ti.func
+    def expm1_over(y):
+        """(exp(y) - 1)/y."""
+        z = ti.cast(0.0, real)
+        if ti.abs(y) < SMALL:
+            for term in ti.static(rising):
+                z = z * y + term
+        else:
+            z = (ti.exp(y) - 1) / y
+        return z
+
+    @ti.func
+    def eigenvalues(c):
+        """The three of a symmetric matrix, greatest first, by the cubic's cosines.
+
+        Source: O. K. Smith, Commun. ACM 4 (1961) 168. Near a double root two of them are known to the root of
+        the precision only; an interpolation polynomial does not mind.
+        """
+        mean = c.trace() / 3
+        d = c - mean * ti.Matrix.identity(real, 3)
+        p2 = (d[0, 0] ** 2 + d[1, 1] ** 2 + d[2, 2] ** 2 + 2 * (d[0, 1] ** 2 + d[0, 2] ** 2 + d[1, 2] ** 2)) / 6
+        e = ti.Vector([mean, mean, mean])
+        if p2 > ti.static(1e-36 if real == ti.f32 else 1e-290):
+            p = ti.sqrt(p2)
+            turn = ti.acos(ti.min(ti.max((d / p).determinant() / 2, -1.0), 1.0)) / 3
+            x, y = ti.cos(turn), ti.sin(turn)
+            e = ti.Vector([
+                mean + 2 * p * x,
+                mean + p * (ti.static(math.sqrt(3)) * y - x),
+                mean - p * (ti.static(math.sqrt(3)) * y + x),
+            ])
+        return e
+
+    @ti.func
+    def logs(e):
+        """y = log1p(e) at the three eigenvalues, and y[e₀,e₁], y[e₁,e₂]."""
+        y = ti.Vector([e[i] * log1p_over(e[i]) for i in ti.static(range(3))])
+        near = log1p_over((e[1] - e[0]) / (1 + e[0])) / (1 + e[0])
+        far = log1p_over((e[2] - e[1]) / (1 + e[1])) / (1 + e[1])
+        return y, near, far
+
+    @ti.func
+    def of(c, e, value, near, far):
+        """The Newton interpolation polynomial of a function of c: f(e₀), f[e₀,e₁], f[e₁,e₂] -> f(c).
+
+        Where all three are one, the difference of the slopes is rounding, and so is what it is multiplied by.
+        """
+        apart = e[0] - e[2]
+        bend = ti.cast(0.0, real)
+        if apart > ti.static(1e-12 if real == ti.f32 else 1e-100):
+            bend = (near - far) / apart
+        first = c
+        other = c
+        for i in ti.static(range(3)):
+            first[i, i] -= e[0]
+            other[i, i] -= e[1]
+        result = near * first + bend * (first @ other)
+        for i in ti.static(range(3)):
+            result[i, i] += value
+        return result
+
+    return SimpleNamespace(
+        unpack=unpack, pack=pack, push=push, excess=excess, log1p_over=log1p_over, expm1_over=expm1_over,
+        eigenvalues=eigenvalues, logs=logs, of=of,
+    )  # fmt: skip
+
+
+class Material(Protocol):
+    """A material: its density [kg/m³], the size of its state, its numbers, and its law at a precision.
+
+    One kernel is compiled for each law and precision; the numbers are its arguments.
+    """
+
+    state: ClassVar[int]
+
+    @property
+    def density(self) -> float:
+        """ρ [kg/m³]."""
+        ...
+
+    def parameters(self) -> tuple[float, ...]:
+        """The numbers that the law is called with."""
+        ...
+
+    @staticmethod
+    def law(real: Any) -> Law:
+        """The law at a precision (ti.f32 or ti.f64)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Neo-Hookean: τ = μ (b - I) + λ ln J I (PhysInOne supplement, eq. 2; J T there).
+
+    young [Pa], poisson, density [kg/m³]. In simple shear γ: τ_xy = μ γ, τ_xx - τ_yy = μ γ².
+    Defect: compressed to nothing it resists only as a logarithm; J below 1/100 is taken as 1/100.
+    """
+
+    young: float = 1e5
+    poisson: float = 0.3
+    density: float = 1000.0
+    state: ClassVar[int] = 6
+
+    def parameters(self) -> tuple[float, ...]:
+        """μ, λ [Pa]."""
+        return lame(self.young, self.poisson)
+
+    def stiffness(self) -> float:
+        """P-wave modulus λ + 2 μ [Pa]."""
+        mu, lam = lame(self.young, self.poisson)
+        return lam + 2 * mu
+
+    @staticmethod
+    @cache
+    def law(real: Any) -> Law:
+        """See the class."""
+        shared = functions(real)
+
+        @ti.func
+        def respond(s, grad, _dt, k):
+            c = shared.push(shared.unpack(s), grad)
+            excess = ti.max(shared.excess(c), -0.9999)
+            tau = k[0] * c
+            pressure = 0.5 * k[1] * excess * shared.log1p_over(excess)
+            for i in ti.static(range(3)):
+                tau[i, i] += pressure
+            return shared.pack(c), tau
+
+        return respond
+
+
+Flow: TypeAlias = Any
+"""ti.func (‖ê‖, tr ε, b̄ = tr b/3, volume gained, dt, parameters) -> (factor of ê, tr ε', volume gained')."""
+
+
+@cache
+def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
+    """St. Venant-Kirchhoff elasticity in Hencky strain, τ = 2 μ ε + λ tr ε I, and a rule of flow.
+
+    gains: the state has a seventh number, the logarithm of the volume that it has gained without stress.
+    """
+    shared = functions(real)
+
+    @ti.func
+    def bare(c, _gained):
+        return shared.pack(c)
+
+    @ti.func
+    def with_gain(c, gained):
+        return ti.Vector([c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2], gained])
+
+    seal = with_gain if gains else bare
+
+    @ti.func
+    def respond(s, grad, dt, k):
+        c = shared.push(shared.unpack(s), grad)
+        e = shared.eigenvalues(c)
+        for i in ti.static(range(3)):
+            e[i] = ti.max(e[i], -0.9975)
+        y, near, far = shared.logs(e)
+        trace = 0.5 * (y[0] + y[1] + y[2])
+        deviator = 0.5 * y - trace / 3
+        gained = ti.cast(0.0, real)
+        if ti.static(gains):
+            gained = s[6]
+        size = ti.sqrt(deviator[0] ** 2 + deviator[1] ** 2 + deviator[2] ** 2)
+        shrink, after, gained = flow(size, trace, 1 + (e[0] + e[1] + e[2]) / 3, gained, dt, k)
+        # ε' = shrink ε + shift I, along the axes of c
+        shift = (after - shrink * trace) / 3
+        tau = shared.of(c, e, k[0] * shrink * y[0], k[0] * shrink * near, k[0] * shrink * far)
+        for i in ti.static(range(3)):
+            tau[i, i] += 2 * k[0] * shift + k[1] * after
+        if shrink != 1.0 or after != trace:
+            z = shrink * y + 2 * shift
+            rise = ti.exp(z[0]) * shared.expm1_over(z[1] - z[0]) * shrink * near
+            fall = ti.exp(z[1]) * shared.expm1_over(z[2] - z[1]) * shrink * far
+            c = shared.of(c, e, z[0] * shared.expm1_over(z[0]), rise, fall)
+        return seal(c, gained), tau
+
+    return respond
+
+
+@dataclass(frozen=True)
+class Plasticine:
+    """Von Mises plasticity (PhysInOne supplement, eq. 3-6): ‖ê‖ is kept at or below τ_Y/2μ.
+
+    young [Pa], poisson, yield_stress τ_Y [Pa], density [kg/m³]. Shear strength τ_Y/√2, uniaxial √(3/2) τ_Y.
+    Slip put right: ê is the deviator of the Hencky strain, not a normalised one.
+    """
+
+    young: float = 1e5
+    poisson: float = 0.3
+    yield_stress: float = 1e3
+    density: float = 1000.0
+    state: ClassVar[int] = 6
+
+    def parameters(self) -> tuple[float, ...]:
+        """μ, λ, τ_Y [Pa]."""
+        return *lame(self.young, self.poisson), self.yield_stress
+
+    @staticmethod
+    @cache
+    def law(real: Any) -> Law:
+        """See the class."""
+
+        @ti.func
+        def flow(size, trace, _mean, gained, _dt, k):
+            shrink = ti.cast(1.0, real)
+            if 2 * k[0] * size > k[2]:
+                shrink = k[2] / (2 * k[0] * size)
+            return shrink, trace, gained
+
+        return _hencky(real, flow, False)
+
+
+@dataclass(frozen=True)
+class Viscoplastic:
+    """A fluid with a yield stress (PhysInOne supplement, eq. 8-9).
+
+    young [Pa], poisson, yield_stress τ_Y [Pa], viscosity η [Pa s], density [kg/m³]. In steady shear
+    τ = τ_Y/√2 + (η/2) γ̇ (Bingham); η = 0 is plasticine.
+    Slips put right: s = 2μ ‖ê‖ is a stress, ŝ = s - (s - τ_Y)/(1 + η/(2 μ̂ Δt)), μ̂ = μ tr b/3. Some public codes
+    take √(2/3) τ_Y for the threshold: theirs times √(3/2) is ours.
+    """
+
+    young: float = 1e5
+    poisson: float = 0.3
+    yield_stress: float = 1e3
+    viscosity: float = 10.0
+    density: float = 1000.0
+    state: ClassVar[int] = 6
+
+    def parameters(self) -> tuple[float, ...]:
+        """μ, λ, τ_Y [Pa], η [Pa s]."""
+        return *lame(self.young, self.poisson), self.yield_stress, self.viscosity
+
+    @staticmethod
+    @cache
+    def law(real: Any) -> Law:
+        """See the class."""
+
+        @ti.func
+        def flow(size, trace, mean, gained, dt, k):
+            shrink, stress = ti.cast(1.0, real), 2 * k[0] * size
+            if stress > k[2]:
+                shrink = 1 - (1 - k[2] / stress) / (1 + k[3] / (2 * k[0] * mean * dt))
+            return shrink, trace, gained
+
+        return _hencky(real, flow, False)
+
+
+@dataclass(frozen=True)
+class Granular:
+    """Sand (PhysInOne supplement, eq. 10-12): Drucker & Prager's cone without cohesion or dilation.
+
+    young [Pa], poisson, friction φ [rad], density [kg/m³]; plane_strain: α = √(2/3) sin φ instead of the printed
+    √(2/3) 2 sin φ/(3 - sin φ), which is that of triaxial compression and makes slopes fail at
+    tan θ = 2√3 sin φ/(3 - sin φ), not tan φ. keeps_volume: what it gains in volume while it is free of stress it loses
+    again when it is compressed, before it bears anything (A. P. Tampubolon et al., ACM Trans. Graph. 36 (2017) 105,
+    §5).
+    """
+
+    young: float = 1e6
+    poisson: float = 0.3
+    friction: float = math.pi / 6
+    density: float = 1600.0
+    plane_strain: bool = False
+    keeps_volume: bool = True
+    state: ClassVar[int] = 7
+
+    @property
+    def cone(self) -> float:
+        """α."""
+        sine = math.sin(self.friction)
+        return math.sqrt(2 / 3) * (sine if self.plane_strain else 2 * sine / (3 - sine))
+
+    def parameters(self) -> tuple[float, ...]:
+        """μ, λ [Pa], α (3 λ + 2 μ)/2μ, 1 if the volume is kept."""
+        mu, lam = lame(self.young, self.poisson)
+        return mu, lam, self.cone * (3 * lam + 2 * mu) / (2 * mu), float(self.keeps_volume)
+
+    @staticmethod
+    @cache
+    def law(real: Any) -> Law:
+        """See the class."""
+
+        @ti.func
+        def flow(size, trace, _mean, gained, _dt, k):
+            whole = trace + gained
+            after = ti.min(whole, 0.0)
+            shrink = ti.cast(1.0, real)
+            if size > -k[2] * after:
+                shrink = -k[2] * after / size
+            return shrink, after, k[3] * ti.max(whole, 0.0)
+
+        return _hencky(real, flow, True)
+
+
+@dataclass(frozen=True)
+class Newtonian:
+    """A viscous, slightly compressible fluid: τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I (PhysInOne supplement, eq. 7).
+
+    viscosity μ [Pa s], of which the dynamic viscosity is the half; bulk κ [Pa], of which the bulk modulus is sevenfold:
+    c = √(7 κ/ρ); density [kg/m³]. The state is J - 1.
+    Slip put right: the printed form lacks the I and the J.
+    Defect: J below 1/20 is taken as 1/20.
+    """
+
+    viscosity: float = 50.0
+    bulk: float = 1e5
+    density: float = 1000.0
+    state: ClassVar[int] = 1
+
+    def parameters(self) -> tuple[float, ...]:
+        """μ [Pa s], κ [Pa]."""
+        return self.viscosity, self.bulk
+
+    @staticmethod
+    @cache
+    def law(real: Any) -> Law:
+        """See the class."""
+        shared = functions(real)
+
+        @ti.func
+        def respond(s, grad, dt, k):
+            j = ti.max(s[0] + (1 + s[0]) * grad.trace(), -0.95)
+            tau = (0.5 * k[0] / dt * (1 + j)) * (grad + grad.transpose())
+            volume = 1 + j
+            pressed = volume - 1 / volume**6
+            if ti.abs(j) < SMALL:
+                y = 7 * j * shared.log1p_over(j)
+                pressed = y * shared.expm1_over(y) / volume**6
+            for i in ti.static(range(3)):
+                tau[i, i] += k[1] * pressed
+            return ti.Vector([j]), tau
+
+        return respond
