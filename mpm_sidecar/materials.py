@@ -42,6 +42,11 @@ def lame(young: float, poisson: float) -> tuple[float, float]:
     return young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
 
 
+def _p_wave(young: float, poisson: float) -> float:
+    mu, lam = lame(young, poisson)
+    return lam + 2 * mu
+
+
 @cache
 def functions(real: Any) -> Any:
     """What the laws share, at a precision: symmetric matrices, logarithms, eigenvalues."""
@@ -167,7 +172,15 @@ class Material(Protocol):
         ...
 
     def parameters(self) -> tuple[float, ...]:
-        """The numbers that the law is called with."""
+        """The numbers that the law is called with, four at most."""
+        ...
+
+    def stiffness(self) -> float:
+        """Modulus of a plane wave of pressure at rest [Pa]."""
+        ...
+
+    def thickness(self) -> float:
+        """Dynamic viscosity, where it flows [Pa s]."""
         ...
 
     @staticmethod
@@ -195,8 +208,11 @@ class Elastic:
 
     def stiffness(self) -> float:
         """P-wave modulus λ + 2 μ [Pa]."""
-        mu, lam = lame(self.young, self.poisson)
-        return lam + 2 * mu
+        return _p_wave(self.young, self.poisson)
+
+    def thickness(self) -> float:
+        """Of no viscosity [Pa s]."""
+        return 0.0
 
     @staticmethod
     @cache
@@ -286,6 +302,14 @@ class Plasticine:
         """μ, λ, τ_Y [Pa]."""
         return *lame(self.young, self.poisson), self.yield_stress
 
+    def stiffness(self) -> float:
+        """P-wave modulus λ + 2 μ [Pa]."""
+        return _p_wave(self.young, self.poisson)
+
+    def thickness(self) -> float:
+        """Of no viscosity [Pa s]."""
+        return 0.0
+
     @staticmethod
     @cache
     def law(real: Any) -> Law:
@@ -321,6 +345,14 @@ class Viscoplastic:
     def parameters(self) -> tuple[float, ...]:
         """μ, λ, τ_Y [Pa], η [Pa s]."""
         return *lame(self.young, self.poisson), self.yield_stress, self.viscosity
+
+    def stiffness(self) -> float:
+        """P-wave modulus λ + 2 μ [Pa]."""
+        return _p_wave(self.young, self.poisson)
+
+    def thickness(self) -> float:
+        """η/2 [Pa s]."""
+        return self.viscosity / 2
 
     @staticmethod
     @cache
@@ -367,6 +399,14 @@ class Granular:
         mu, lam = lame(self.young, self.poisson)
         return mu, lam, self.cone * (3 * lam + 2 * mu) / (2 * mu), float(self.keeps_volume)
 
+    def stiffness(self) -> float:
+        """P-wave modulus λ + 2 μ [Pa]."""
+        return _p_wave(self.young, self.poisson)
+
+    def thickness(self) -> float:
+        """Of no viscosity [Pa s]."""
+        return 0.0
+
     @staticmethod
     @cache
     def law(real: Any) -> Law:
@@ -402,6 +442,14 @@ class Newtonian:
     def parameters(self) -> tuple[float, ...]:
         """μ [Pa s], κ [Pa]."""
         return self.viscosity, self.bulk
+
+    def stiffness(self) -> float:
+        """7 κ [Pa]."""
+        return 7 * self.bulk
+
+    def thickness(self) -> float:
+        """μ/2 [Pa s]."""
+        return self.viscosity / 2
 
     @staticmethod
     @cache

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from mpm_sidecar._ti import ti
 from mpm_sidecar.materials import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
 
+from .taichi_at import KERNELS, taichi_at
+
 Array = NDArray[np.float64]
 HENCKY = [Plasticine(), Viscoplastic(), Granular()]
 ALL = [Elastic(), *HENCKY, Newtonian()]
@@ -21,17 +23,6 @@ SINGLE, DOUBLE = np.float32, np.float64
 
 named = pytest.mark.parametrize("material", ALL, ids=lambda m: type(m).__name__)
 solid = pytest.mark.parametrize("material", [Elastic(), *HENCKY], ids=lambda m: type(m).__name__)
-
-
-_now: list[Any] = []
-
-
-def _started(real: Any) -> None:
-    """Taichi at a precision; its literals are of that, so both cannot be had at once."""
-    if _now != [real]:
-        ti.init(arch=ti.cpu, log_level=ti.ERROR, offline_cache=False, default_fp=real)
-        _kernel.cache_clear()
-        _now[:] = [real]
 
 
 @cache
@@ -48,10 +39,13 @@ def _kernel(law: Any, real: Any, state: int, numbers: int) -> Any:
     return ti.kernel(respond)
 
 
+KERNELS.append(_kernel.cache_clear)
+
+
 def respond(material: Any, s: Any, grad: Any, dt: float = 1e-4, precision: Any = DOUBLE) -> tuple[Array, Array]:
     """States (n, state) and Kirchhoff stresses (n, 3, 3) [Pa] after a step of Δt ∇v (n, 3, 3)."""
     real = ti.f64 if precision is DOUBLE else ti.f32
-    _started(real)
+    taichi_at(real)
     after, stress = np.array(s, precision, order="C"), np.zeros((len(s), 3, 3), precision)
     numbers = material.parameters()
     kernel = _kernel(material.law(real), real, material.state, len(numbers))

@@ -1,0 +1,225 @@
+"""Particles and grid: what transfers keep, walls, one body's period, the same bits whatever the threads."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mpm_sidecar._ti import ti
+from mpm_sidecar.materials import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
+from mpm_sidecar.transfer import Body, Solver, Wall, longest_step
+
+from .taichi_at import taichi_at
+
+Array = NDArray[np.float64]
+ALL = [Elastic(young=1e4), Plasticine(young=1e4), Viscoplastic(young=1e4), Granular(young=1e4), Newtonian(bulk=1e3)]
+HOME = Path(__file__).resolve().parents[2]
+INNER = (0.25, 0.75)
+"""Places in a cell of two particles on a line [cell]: eight in each are as Gauss's points of equal weight."""
+
+named = pytest.mark.parametrize("material", ALL, ids=lambda m: type(m).__name__)
+
+
+def cube(cells: tuple[int, int, int], dx: float, corner: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+    """Eight particles in each of some cells."""
+    lines = [dx * np.add.outer(np.arange(n), INNER).ravel() + c for n, c in zip(cells, corner, strict=True)]
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def body(material: Any, points: Array, dx: float, velocity: Any = (0, 0, 0)) -> Body:
+    return Body(material, points, dx**3 / 8, velocity)
+
+
+@named
+def test_what_moves_evenly_moves_on_and_turns_on(material: Any) -> None:
+    """Momentum to round-off; a scattered cloud that flies keeps its shape."""
+    taichi_at(ti.f64)
+    rng, dx = np.random.default_rng(0), 1 / 32
+    points = rng.random((3000, 3)) * 0.2 + (0.4, -0.3, 0.6)
+    velocity = np.array([0.3, -0.2, 0.5])
+    solver = Solver([body(material, points, dx, velocity)], dx, double=True)
+    steps = solver.advance(0.02)
+    assert steps >= 2
+    mass = 3000 * dx**3 / 8 * material.density
+    assert solver.momentum() == pytest.approx(mass * velocity, rel=1e-13)
+    assert solver.positions() == pytest.approx(points + 0.02 * velocity, abs=1e-14)
+    assert np.abs(solver.states()).max() < 1e-12
+
+
+@named
+def test_forces_inside_change_no_momentum(material: Any) -> None:
+    """Linear and angular, of a body that is stretched, turned and let go, beside another."""
+    taichi_at(ti.f64)
+    dx = 1 / 32
+    one, two = cube((6, 6, 6), dx, (0.01, 0.02, 0.03)), cube((4, 4, 4), dx, (7 * dx, 0.02, 0.03))
+    spin = np.cross([0.0, 0.5, 1.0], one - one.mean(axis=0)) - 0.5 * (one - one.mean(axis=0))
+    other = Elastic(young=2e4, density=500.0)
+    solver = Solver([body(material, one, dx, spin), body(other, two, dx, (-0.4, 0, 0))], dx, double=True)
+    before = solver.momentum()
+    solver.advance(0.05)
+    assert solver.momentum() == pytest.approx(before, abs=1e-13)
+
+
+def test_angular_momentum_is_kept() -> None:
+    """With the part that is in the affine velocities, to round-off."""
+    taichi_at(ti.f64)
+    dx, rate = 1 / 32, np.array([0.4, -0.7, 2.0])
+    points = cube((6, 5, 4), dx)
+    arms = points - points.mean(axis=0)
+    solver = Solver([body(Elastic(young=1e4), points, dx, np.cross(rate, arms))], dx, double=True)
+    solver.step(1e-4)  # from here on affine velocities go with the particles' own
+
+    def angular() -> Array:
+        cloud = solver._clouds[0]
+        x, v = solver.positions(), solver.velocities()
+        affine = np.empty((len(x), 9))
+        affine[cloud.order] = cloud.records[:, 6:15]
+        # A = m C - Δt V (4/Δx²) τ is m C's and a symmetric part's, times Δx; C's antisymmetric part is a spin
+        a = affine.reshape(-1, 3, 3) / dx * dx**2 / 4 * (1 / dx) * dx
+        own = np.stack([a[:, 2, 1] - a[:, 1, 2], a[:, 0, 2] - a[:, 2, 0], a[:, 1, 0] - a[:, 0, 1]], axis=1).sum(axis=0)
+        return np.asarray(cloud.mass * np.cross(x, v).sum(axis=0) + own)
+
+    before = angular()
+    for _ in range(200):
+        solver.step(1e-4)
+    assert angular() == pytest.approx(before, rel=1e-11)
+
+
+def test_what_falls_falls() -> None:
+    """g t and g t²/2, with the step's own h g t/2 more."""
+    taichi_at(ti.f64)
+    dx, dt = 1 / 32, 1e-3
+    points = cube((3, 3, 3), dx)
+    solver = Solver([body(Elastic(young=1e4), points, dx)], dx, gravity=(0, 0, -9.8), double=True)
+    for _ in range(100):
+        solver.step(dt)
+    assert solver.velocities() == pytest.approx(np.tile([0, 0, -0.98], (len(points), 1)), abs=1e-12)
+    fallen = np.tile([0, 0, -9.8 * 0.1 * 0.101 / 2], (len(points), 1))
+    assert solver.positions() - points == pytest.approx(fallen, abs=1e-12)
+
+
+@pytest.mark.parametrize(("cells", "within"), [(8, 4e-2), (16, 1.5e-2), (32, 7e-3)])
+def test_a_column_sounds_at_its_own_pitch(cells: int, within: float) -> None:
+    """67c: held below, between smooth walls, T = 4 L/c with c = √((λ + 2 μ)/ρ)."""
+    taichi_at(ti.f64)
+    length, material = 0.4, Elastic(young=1e5, poisson=0.3)
+    dx = length / cells
+    width = 2 * dx
+    points = cube((2, 2, cells), dx)
+    start = np.zeros_like(points)
+    start[:, 2] = 1e-3 * np.sin(math.pi * points[:, 2] / (2 * length))
+    walls = [Wall((0, 0, 0), (0, 0, 1), math.inf, holds=True)]
+    for axis in (0, 1):
+        for at, side in ((0.0, 1.0), (width, -1.0)):
+            place, normal = np.zeros(3), np.zeros(3)
+            place[axis], normal[axis] = at, side
+            walls.append(Wall(tuple(place), tuple(normal), holds=True))
+    solver = Solver([body(material, points, dx, start)], dx, walls=walls, double=True)
+    mu, lam = lame(material.young, material.poisson)
+    period = 4 * length / math.sqrt((lam + 2 * mu) / material.density)
+    dt = 0.5 * longest_step(solver.bodies, dx)
+    times, heights = [0.0], [points[:, 2].mean()]
+    while solver.time < 1.6 * period:
+        solver.step(dt)
+        times.append(solver.time)
+        heights.append(solver.positions()[:, 2].mean())
+    rise = np.array(heights) - heights[0]
+    crossings = [
+        t0 + (t1 - t0) * r0 / (r0 - r1)
+        for t0, t1, r0, r1 in zip(times[1:], times[2:], rise[1:], rise[2:], strict=False)
+        if (r0 > 0) != (r1 > 0)
+    ]
+    assert crossings[0] == pytest.approx(period / 2, rel=within)
+
+
+@pytest.mark.parametrize(("friction", "left"), [(0.0, 1.0), (0.3, 0.7), (math.inf, 0.0)])
+def test_walls_hold_by_friction(friction: float, left: float) -> None:
+    """A layer pressed into a wall at 1 m/s and along it at 1 m/s loses what Coulomb's law takes."""
+    taichi_at(ti.f64)
+    dx = 1 / 16
+    points = cube((1, 1, 1), dx, (0.0, 0.0, -3 * dx))
+    solver = Solver([body(Elastic(), points, dx, (1.0, 0.0, -1.0))], dx, walls=[Wall((0, 0, 0), (0, 0, 1), friction)],
+                    double=True)  # fmt: skip
+    solver.step(1e-6)
+    assert solver.velocities() == pytest.approx(np.tile([left, 0, 0], (8, 1)), abs=1e-12)
+
+
+THREADS = """
+import hashlib, sys
+import numpy as np
+from mpm_sidecar._ti import ti
+ti.init(arch=ti.cpu, log_level=ti.ERROR, cpu_max_num_threads=int(sys.argv[1]), offline_cache=False)
+from mpm_sidecar.materials import *
+from mpm_sidecar.transfer import Body, Solver, Wall
+rng = np.random.default_rng(0)
+digest = hashlib.sha256()
+for material in (Elastic(young=1e4), Plasticine(young=1e4), Viscoplastic(young=1e4), Granular(), Newtonian(bulk=1e4)):
+    points = rng.random((2000, 3)) * 0.3 + (0, 0, 0.01)
+    solver = Solver([Body(material, points, 0.027 / 2000, (1.0, 0.5, -2.0))], 1 / 32, gravity=(0, 0, -9.8),
+                    walls=[Wall((0, 0, 0), (0, 0, 1), 0.5)])
+    solver.advance(0.02)
+    digest.update(solver.positions().tobytes() + solver.states().tobytes())
+print("digest", digest.hexdigest())
+"""
+
+
+def test_the_same_bits_for_any_number_of_threads() -> None:
+    """All five materials, thrown on a rough floor, in single precision."""
+    said = [
+        subprocess.run([sys.executable, "-c", THREADS, n], cwd=HOME, capture_output=True, text=True, check=True).stdout
+        for n in ("1", "3")
+    ]
+    digests = {next(line for line in text.splitlines() if line.startswith("digest")) for text in said}
+    assert len(digests) == 1
+
+
+def test_the_grid_grows_with_the_motion() -> None:
+    """A ball thrown a metre away is where it should be, and the grid is not a metre wide."""
+    taichi_at(ti.f32)
+    dx = 1 / 32
+    points = cube((3, 3, 3), dx)
+    solver = Solver([body(Elastic(young=1e3, density=1000), points, dx, (20.0, 0, 0))], dx)
+    solver.advance(0.05)
+    assert solver.positions()[:, 0] - points[:, 0] == pytest.approx(np.full(len(points), 1.0), abs=1e-5)
+    assert len(solver._grid) < 64**3
+
+
+def test_steps_follow_from_sound_and_viscosity() -> None:
+    dx, points = 0.01, np.zeros((1, 3))
+    rubber, honey = Elastic(young=1e5, poisson=0.3), Newtonian(viscosity=200.0, bulk=1e5)
+    sound = math.sqrt(1e5 * 0.7 / (1.3 * 0.4) / 1000)
+    assert longest_step([Body(rubber, points, 1e-6)], dx) == pytest.approx(0.3 * dx / sound)
+    assert longest_step([Body(rubber, points, 1e-6)], dx, 5.0) == pytest.approx(0.3 * dx / (sound + 5))
+    assert longest_step([Body(honey, points, 1e-6)], dx) == pytest.approx(0.1 * dx**2 * 1000 / 100)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Body(Elastic(), np.zeros((0, 3)), 1.0),
+        lambda: Body(Elastic(), np.full((1, 3), math.nan), 1.0),
+        lambda: Body(Elastic(), np.zeros((1, 3)), 0.0),
+        lambda: Wall((0, 0, 0), (0, 0, 2.0)),
+        lambda: Wall((0, 0, 0), (0, 0, 1.0), -1.0),
+        lambda: Solver([], 0.1),
+        lambda: Solver([Body(Elastic(), np.zeros((1, 3)), 1.0)], 0.0),
+    ],
+)
+def test_impossible_scenes(make: Any) -> None:
+    with pytest.raises(ValueError, match="allowed"):
+        make()
+
+
+def test_what_breaks_says_so() -> None:
+    taichi_at(ti.f32)
+    dx = 1 / 32
+    solver = Solver([body(Elastic(), cube((2, 2, 2), dx), dx, (math.inf, 0, 0))], dx)
+    with pytest.raises(ArithmeticError, match="finite"):
+        solver.advance(0.01)
