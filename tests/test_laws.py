@@ -26,7 +26,7 @@ LAWS = [
 ]
 each_law = pytest.mark.parametrize(("index", "law"), LAWS)
 
-LONG = {13, 17, 18, 19, 20, 24, 25, 27, 45, 49, 50}
+LONG = {13, 17, 18, 19, 20, 24, 25, 27, 34, 35, 38, 45, 49, 50}
 """Phenomena whose laws take long at standard fidelity: the suite holds them at draft, the study at all three."""
 
 each_law_at_standard = pytest.mark.parametrize(

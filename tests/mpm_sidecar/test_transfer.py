@@ -105,7 +105,7 @@ def test_what_falls_falls() -> None:
     assert solver.positions() - points == pytest.approx(fallen, abs=1e-12)
 
 
-@pytest.mark.parametrize(("cells", "within"), [(8, 4e-2), (16, 1.5e-2), (32, 7e-3)])
+@pytest.mark.parametrize(("cells", "within"), [(8, 4e-2), (16, 1.5e-2), pytest.param(32, 7e-3, marks=pytest.mark.slow)])
 def test_a_column_sounds_at_its_own_pitch(cells: int, within: float) -> None:
     """67c: held below, between smooth walls, T = 4 L/c with c = √((λ + 2 μ)/ρ)."""
     taichi_at(ti.f64)
