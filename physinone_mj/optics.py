@@ -205,7 +205,7 @@ class Optics:
         """A ray at the data's pose (kinematics done) from a point along a unit vector; `body` is one it starts in."""
         points, weights, way = [np.array(start, float)], [1.0], np.array(direction, float)
         geoms: list[int] = []
-        inside: list[int] = []
+        inside = self._around(data, points[0], way, body) if self._index else []
         left, clear = reach, 0.0
         while True:
             far, geom, normal = self._meet(data, points[-1], way, clear, body)
@@ -238,6 +238,21 @@ class Optics:
         inside = geom >= 0 and geom not in self._index and float(normal @ np.asarray(direction)) > 0
         curved = any(geom == conic for conic, _, _ in self._conics)
         return geom if inside and not curved else NOTHING
+
+    def _around(self, data: Any, start: Array, way: Array, body: int) -> list[int]:
+        """The dielectrics that a point is inside of, outermost first: those that a ray from it leaves unentered."""
+        entered: set[int] = set()
+        left: list[int] = []
+        clear = 0.0
+        while True:
+            far, geom, normal = self._meet(data, start, way, clear, body)
+            if geom < 0:
+                return left[::-1]
+            if geom in self._index and geom not in entered:
+                if normal @ way > 0:
+                    left.append(geom)
+                entered.add(geom)
+            body, clear = -1, far + CLEAR
 
     def _meet(self, data: Any, start: Array, way: Array, clear: float, body: int) -> tuple[float, int, Array]:
         """(distance, geom or a negative number, outward normal there) of what is nearest beyond `clear`."""

@@ -362,6 +362,22 @@ def test_one_thing_inside_another() -> None:
     assert total.weights[2] == total.weights[1]
 
 
+def test_a_laser_under_water_knows_what_it_is_in() -> None:
+    """It enters a glass ball from water's index, and leaves a bubble into water: not from air, and not into it."""
+    water, ball = ("water", BOX, (1.0,), (0, 0, 0), turned(0)), ("ball", SPHERE, (0.3,), (0, 0, 0), turned(0))
+    stone = ("stone", SPHERE, (0.05,), (0.6, 0.0, 0.0), turned(0))  # in the way of whoever only looks straight on
+    for index in (1.5, 1.0):
+        _, data, optics = bench(water, ball, stone, glass={"water": 1.333, "ball": index})
+        ray = shine(optics, data, (0.5, 0.15, 0.0), (-1, 0, 0))
+        bent = math.asin(0.5 * 1.333 / index)
+        turned_by = degrees_of(ray.points[2] - ray.points[1], (-1, 0, 0))
+        assert turned_by == pytest.approx(abs(bent - math.asin(0.5)), abs=1e-12)
+        ray = shine(optics, data, (0.0, 0.0, 0.0), (0.8, 0.6, 0.0))  # from the middle of the ball: straight out of it
+        assert degrees_of(ray.points[2] - ray.points[1], (0.8, 0.6, 0.0)) < 1e-12
+        due = ((index - 1.333) / (index + 1.333)) ** 2
+        assert ray.weights[1] == pytest.approx(1 - due, rel=1e-12)
+
+
 def test_reversed_light_goes_back_the_same_way() -> None:
     _, data, optics = bench(
         plate("mirror", (-1.0, 0, 0), 0.1), ("ball", SPHERE, (0.3,), (0, 0, 0), turned(0)), mirrors=[front("mirror")],
