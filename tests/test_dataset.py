@@ -613,3 +613,11 @@ def test_a_run_is_read_as_it_was(plain: Path) -> None:
     assert len(run) == FRAMES * run.stride
     assert run.impacts
     assert all(v.passed for v in run.check())
+
+
+def test_a_beam_that_was_moved_is_found_out(tmp_path: Path) -> None:
+    folder = generate(Job(33, {}, DRAFT, views=1, size=24, render=False), tmp_path)
+    assert not any("beams" in problem for problem in verify(folder).problems)
+    with h5py.File(folder / "physics.h5", "r+") as file:
+        file["beams/laser/points"][3, 1, 0] += 1e-3
+    assert "beams/laser/points does not follow from the recorded state" in told(verify(sealed(folder)))
