@@ -23,10 +23,11 @@ Source: the supplement of PhysInOne (CVPR 2026), eq. 2-12, with its slips put ri
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, ClassVar, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
+
+from physinone_mj.continuum import Elastic, Granular, Material, Newtonian, Plasticine, Viscoplastic
 
 from ._ti import ti
 
@@ -35,16 +36,6 @@ Law: TypeAlias = Any
 
 SMALL: Final = 0.25
 """|z| up to which log1p(z)/z and expm1(z)/z are series."""
-
-
-def lame(young: float, poisson: float) -> tuple[float, float]:
-    """(μ, λ) [Pa] of Young's modulus [Pa] and Poisson's ratio."""
-    return young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-
-
-def _p_wave(young: float, poisson: float) -> float:
-    mu, lam = lame(young, poisson)
-    return lam + 2 * mu
 
 
 @cache
@@ -158,79 +149,22 @@ def functions(real: Any) -> Any:
     )  # fmt: skip
 
 
-class Material(Protocol):
-    """A material: its density [kg/m³], the size of its state, its numbers, and its law at a precision.
+@cache
+def _elastic(real: Any) -> Law:
+    """τ = μ (b - I) + λ ln J I."""
+    shared = functions(real)
 
-    One kernel is compiled for each law and precision; the numbers are its arguments.
-    """
+    @ti.func
+    def respond(s, grad, _dt, k):
+        c = shared.push(shared.unpack(s), grad)
+        excess = ti.max(shared.excess(c), -0.9999)
+        tau = k[0] * c
+        pressure = 0.5 * k[1] * excess * shared.log1p_over(excess)
+        for i in ti.static(range(3)):
+            tau[i, i] += pressure
+        return shared.pack(c), tau
 
-    state: ClassVar[int]
-
-    @property
-    def density(self) -> float:
-        """ρ [kg/m³]."""
-        ...
-
-    def parameters(self) -> tuple[float, ...]:
-        """The numbers that the law is called with, four at most."""
-        ...
-
-    def stiffness(self) -> float:
-        """Modulus of a plane wave of pressure at rest [Pa]."""
-        ...
-
-    def thickness(self) -> float:
-        """Dynamic viscosity, where it flows [Pa s]."""
-        ...
-
-    @staticmethod
-    def law(real: Any) -> Law:
-        """The law at a precision (ti.f32 or ti.f64)."""
-        ...
-
-
-@dataclass(frozen=True)
-class Elastic:
-    """Neo-Hookean: τ = μ (b - I) + λ ln J I (PhysInOne supplement, eq. 2; J T there).
-
-    young [Pa], poisson, density [kg/m³]. In simple shear γ: τ_xy = μ γ, τ_xx - τ_yy = μ γ².
-    Defect: compressed to nothing it resists only as a logarithm; J below 1/100 is taken as 1/100.
-    """
-
-    young: float = 1e5
-    poisson: float = 0.3
-    density: float = 1000.0
-    state: ClassVar[int] = 6
-
-    def parameters(self) -> tuple[float, ...]:
-        """μ, λ [Pa]."""
-        return lame(self.young, self.poisson)
-
-    def stiffness(self) -> float:
-        """P-wave modulus λ + 2 μ [Pa]."""
-        return _p_wave(self.young, self.poisson)
-
-    def thickness(self) -> float:
-        """Of no viscosity [Pa s]."""
-        return 0.0
-
-    @staticmethod
-    @cache
-    def law(real: Any) -> Law:
-        """See the class."""
-        shared = functions(real)
-
-        @ti.func
-        def respond(s, grad, _dt, k):
-            c = shared.push(shared.unpack(s), grad)
-            excess = ti.max(shared.excess(c), -0.9999)
-            tau = k[0] * c
-            pressure = 0.5 * k[1] * excess * shared.log1p_over(excess)
-            for i in ti.static(range(3)):
-                tau[i, i] += pressure
-            return shared.pack(c), tau
-
-        return respond
+    return respond
 
 
 Flow: TypeAlias = Any
@@ -284,190 +218,78 @@ def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
     return respond
 
 
-@dataclass(frozen=True)
-class Plasticine:
-    """Von Mises plasticity (PhysInOne supplement, eq. 3-6): ‖ê‖ is kept at or below τ_Y/2μ.
+@cache
+def _plasticine(real: Any) -> Law:
+    """‖ê‖ is kept at or below τ_Y/2μ."""
 
-    young [Pa], poisson, yield_stress τ_Y [Pa], density [kg/m³]. Shear strength τ_Y/√2, uniaxial √(3/2) τ_Y.
-    Slip put right: ê is the deviator of the Hencky strain, not a normalised one.
-    """
+    @ti.func
+    def flow(size, trace, _mean, gained, _dt, k):
+        shrink = ti.cast(1.0, real)
+        if 2 * k[0] * size > k[2]:
+            shrink = k[2] / (2 * k[0] * size)
+        return shrink, trace, gained
 
-    young: float = 1e5
-    poisson: float = 0.3
-    yield_stress: float = 1e3
-    density: float = 1000.0
-    state: ClassVar[int] = 6
-
-    def parameters(self) -> tuple[float, ...]:
-        """μ, λ, τ_Y [Pa]."""
-        return *lame(self.young, self.poisson), self.yield_stress
-
-    def stiffness(self) -> float:
-        """P-wave modulus λ + 2 μ [Pa]."""
-        return _p_wave(self.young, self.poisson)
-
-    def thickness(self) -> float:
-        """Of no viscosity [Pa s]."""
-        return 0.0
-
-    @staticmethod
-    @cache
-    def law(real: Any) -> Law:
-        """See the class."""
-
-        @ti.func
-        def flow(size, trace, _mean, gained, _dt, k):
-            shrink = ti.cast(1.0, real)
-            if 2 * k[0] * size > k[2]:
-                shrink = k[2] / (2 * k[0] * size)
-            return shrink, trace, gained
-
-        return _hencky(real, flow, False)
+    return _hencky(real, flow, False)
 
 
-@dataclass(frozen=True)
-class Viscoplastic:
-    """A fluid with a yield stress (PhysInOne supplement, eq. 8-9).
+@cache
+def _viscoplastic(real: Any) -> Law:
+    """ŝ = s - (s - τ_Y)/(1 + η/(2 μ̂ Δt))."""
 
-    young [Pa], poisson, yield_stress τ_Y [Pa], viscosity η [Pa s], density [kg/m³]. In steady shear
-    τ = τ_Y/√2 + (η/2) γ̇ (Bingham); η = 0 is plasticine.
-    Slips put right: s = 2μ ‖ê‖ is a stress, ŝ = s - (s - τ_Y)/(1 + η/(2 μ̂ Δt)), μ̂ = μ tr b/3. Some public codes
-    take √(2/3) τ_Y for the threshold: theirs times √(3/2) is ours.
-    """
+    @ti.func
+    def flow(size, trace, mean, gained, dt, k):
+        shrink, stress = ti.cast(1.0, real), 2 * k[0] * size
+        if stress > k[2]:
+            shrink = 1 - (1 - k[2] / stress) / (1 + k[3] / (2 * k[0] * mean * dt))
+        return shrink, trace, gained
 
-    young: float = 1e5
-    poisson: float = 0.3
-    yield_stress: float = 1e3
-    viscosity: float = 10.0
-    density: float = 1000.0
-    state: ClassVar[int] = 6
-
-    def parameters(self) -> tuple[float, ...]:
-        """μ, λ, τ_Y [Pa], η [Pa s]."""
-        return *lame(self.young, self.poisson), self.yield_stress, self.viscosity
-
-    def stiffness(self) -> float:
-        """P-wave modulus λ + 2 μ [Pa]."""
-        return _p_wave(self.young, self.poisson)
-
-    def thickness(self) -> float:
-        """η/2 [Pa s]."""
-        return self.viscosity / 2
-
-    @staticmethod
-    @cache
-    def law(real: Any) -> Law:
-        """See the class."""
-
-        @ti.func
-        def flow(size, trace, mean, gained, dt, k):
-            shrink, stress = ti.cast(1.0, real), 2 * k[0] * size
-            if stress > k[2]:
-                shrink = 1 - (1 - k[2] / stress) / (1 + k[3] / (2 * k[0] * mean * dt))
-            return shrink, trace, gained
-
-        return _hencky(real, flow, False)
+    return _hencky(real, flow, False)
 
 
-@dataclass(frozen=True)
-class Granular:
-    """Sand (PhysInOne supplement, eq. 10-12): Drucker & Prager's cone without cohesion or dilation.
+@cache
+def _granular(real: Any) -> Law:
+    """‖ê‖ is kept at or below -α (3 λ + 2 μ)/2μ tr ε, and tr ε at or below what was gained."""
 
-    young [Pa], poisson, friction φ [rad], density [kg/m³]; plane_strain: α = √(2/3) sin φ instead of the printed
-    √(2/3) 2 sin φ/(3 - sin φ), which is that of triaxial compression and makes slopes fail at
-    tan θ = 2√3 sin φ/(3 - sin φ), not tan φ. keeps_volume: what it gains in volume while it is free of stress it loses
-    again when it is compressed, before it bears anything (A. P. Tampubolon et al., ACM Trans. Graph. 36 (2017) 105,
-    §5).
-    """
+    @ti.func
+    def flow(size, trace, _mean, gained, _dt, k):
+        whole = trace + gained
+        after = ti.min(whole, 0.0)
+        shrink = ti.cast(1.0, real)
+        if size > -k[2] * after:
+            shrink = -k[2] * after / size
+        return shrink, after, k[3] * ti.max(whole, 0.0)
 
-    young: float = 1e6
-    poisson: float = 0.3
-    friction: float = math.pi / 6
-    density: float = 1600.0
-    plane_strain: bool = False
-    keeps_volume: bool = True
-    state: ClassVar[int] = 7
-
-    @property
-    def cone(self) -> float:
-        """α."""
-        sine = math.sin(self.friction)
-        return math.sqrt(2 / 3) * (sine if self.plane_strain else 2 * sine / (3 - sine))
-
-    def parameters(self) -> tuple[float, ...]:
-        """μ, λ [Pa], α (3 λ + 2 μ)/2μ, 1 if the volume is kept."""
-        mu, lam = lame(self.young, self.poisson)
-        return mu, lam, self.cone * (3 * lam + 2 * mu) / (2 * mu), float(self.keeps_volume)
-
-    def stiffness(self) -> float:
-        """P-wave modulus λ + 2 μ [Pa]."""
-        return _p_wave(self.young, self.poisson)
-
-    def thickness(self) -> float:
-        """Of no viscosity [Pa s]."""
-        return 0.0
-
-    @staticmethod
-    @cache
-    def law(real: Any) -> Law:
-        """See the class."""
-
-        @ti.func
-        def flow(size, trace, _mean, gained, _dt, k):
-            whole = trace + gained
-            after = ti.min(whole, 0.0)
-            shrink = ti.cast(1.0, real)
-            if size > -k[2] * after:
-                shrink = -k[2] * after / size
-            return shrink, after, k[3] * ti.max(whole, 0.0)
-
-        return _hencky(real, flow, True)
+    return _hencky(real, flow, True)
 
 
-@dataclass(frozen=True)
-class Newtonian:
-    """A viscous, slightly compressible fluid: τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I (PhysInOne supplement, eq. 7).
+@cache
+def _newtonian(real: Any) -> Law:
+    """τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I."""
+    shared = functions(real)
 
-    viscosity μ [Pa s], of which the dynamic viscosity is the half; bulk κ [Pa], of which the bulk modulus is sevenfold:
-    c = √(7 κ/ρ); density [kg/m³]. The state is J - 1.
-    Slip put right: the printed form lacks the I and the J.
-    Defect: J below 1/20 is taken as 1/20.
-    """
+    @ti.func
+    def respond(s, grad, dt, k):
+        j = ti.max(s[0] + (1 + s[0]) * grad.trace(), -0.95)
+        tau = (0.5 * k[0] / dt * (1 + j)) * (grad + grad.transpose())
+        volume = 1 + j
+        pressed = volume - 1 / volume**6
+        if ti.abs(j) < SMALL:
+            y = 7 * j * shared.log1p_over(j)
+            pressed = y * shared.expm1_over(y) / volume**6
+        for i in ti.static(range(3)):
+            tau[i, i] += k[1] * pressed
+        return ti.Vector([j]), tau
 
-    viscosity: float = 50.0
-    bulk: float = 1e5
-    density: float = 1000.0
-    state: ClassVar[int] = 1
+    return respond
 
-    def parameters(self) -> tuple[float, ...]:
-        """μ [Pa s], κ [Pa]."""
-        return self.viscosity, self.bulk
 
-    def stiffness(self) -> float:
-        """7 κ [Pa]."""
-        return 7 * self.bulk
+_LAWS: Final[dict[type, Any]] = {
+    Elastic: _elastic, Plasticine: _plasticine, Viscoplastic: _viscoplastic, Granular: _granular, Newtonian: _newtonian,
+}  # fmt: skip
 
-    def thickness(self) -> float:
-        """μ/2 [Pa s]."""
-        return self.viscosity / 2
 
-    @staticmethod
-    @cache
-    def law(real: Any) -> Law:
-        """See the class."""
-        shared = functions(real)
-
-        @ti.func
-        def respond(s, grad, dt, k):
-            j = ti.max(s[0] + (1 + s[0]) * grad.trace(), -0.95)
-            tau = (0.5 * k[0] / dt * (1 + j)) * (grad + grad.transpose())
-            volume = 1 + j
-            pressed = volume - 1 / volume**6
-            if ti.abs(j) < SMALL:
-                y = 7 * j * shared.log1p_over(j)
-                pressed = y * shared.expm1_over(y) / volume**6
-            for i in ti.static(range(3)):
-                tau[i, i] += k[1] * pressed
-            return ti.Vector([j]), tau
-
-        return respond
+def law(material: Material, real: Any) -> Law:
+    """The law of a material at a precision (ti.f32 or ti.f64); TypeError if it has none."""
+    if type(material) not in _LAWS:
+        raise TypeError(f"no law for {type(material).__name__}; allowed: {', '.join(m.__name__ for m in _LAWS)}")
+    return _LAWS[type(material)](real)

@@ -27,8 +27,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from physinone_mj.continuum import Material, Wall
+
 from ._ti import ti
-from .materials import Material
+from .materials import law
 
 Array = NDArray[np.float64]
 
@@ -153,6 +155,13 @@ def _particle_kernels(law: Any, real: Any, state: int) -> Any:
     return scatter, gather
 
 
+@ti.func
+def _begin(block, ny, nz):
+    """Index of a block's first node along each axis."""
+    across, row = nz // 4, (nz // 4) * (ny // 4)
+    return 4 * (block // row), 4 * (block % row // across), 4 * (block % across)
+
+
 @cache
 def _grid_kernels(real: Any) -> Any:
     """(clear, advance) of the grid's active blocks."""
@@ -162,22 +171,20 @@ def _grid_kernels(real: Any) -> Any:
     @ti.kernel
     def clear(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32):
         for a in range(count):
-            b = blocks[a]
-            bz, by, bx = b % (nz // 4), (b // (nz // 4)) % (ny // 4), b // ((nz // 4) * (ny // 4))
+            x, y, z = _begin(blocks[a], ny, nz)
             for i in range(4):
                 for j in range(4):
-                    here = ((4 * bx + i) * ny + 4 * by + j) * nz + 4 * bz
+                    here = ((x + i) * ny + y + j) * nz + z
                     for k in ti.static(range(4)):
                         grid[here + k] = node(0.0)
 
     @ti.kernel
     def advance(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, kick: ti.types.vector(3, real)):
         for a in range(count):
-            b = blocks[a]
-            bz, by, bx = b % (nz // 4), (b // (nz // 4)) % (ny // 4), b // ((nz // 4) * (ny // 4))
+            x, y, z = _begin(blocks[a], ny, nz)
             for i in range(4):
                 for j in range(4):
-                    here = ((4 * bx + i) * ny + 4 * by + j) * nz + 4 * bz
+                    here = ((x + i) * ny + y + j) * nz + z
                     for k in ti.static(range(4)):
                         g = grid[here + k]
                         if g[3] > 0:
@@ -198,27 +205,26 @@ def _wall_kernel(real: Any) -> Any:
     @ti.kernel
     def meet(
         grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, origin: place, dx: real, point: place,
-        normal: place, friction: real, holds: ti.i32,
+        normal: place, friction: real, grip: ti.i32,
     ):  # fmt: skip
         for a in range(count):
-            b = blocks[a]
-            bz, by, bx = b % (nz // 4), (b // (nz // 4)) % (ny // 4), b // ((nz // 4) * (ny // 4))
+            x, y, z = _begin(blocks[a], ny, nz)
             for i in range(4):
                 for j in range(4):
                     for k in range(4):
-                        here = ((4 * bx + i) * ny + 4 * by + j) * nz + 4 * bz + k
+                        here = ((x + i) * ny + y + j) * nz + z + k
                         g = grid[here]
-                        x = origin + dx * ti.Vector([4 * bx + i, 4 * by + j, 4 * bz + k])
-                        if g[3] > 0 and (x - point).dot(normal) <= 1e-4 * dx:  # nodes on it, too
+                        node_at = origin + dx * ti.Vector([x + i, y + j, z + k])
+                        if g[3] > 0 and (node_at - point).dot(normal) <= 1e-4 * dx:  # nodes on it, too
                             v = ti.Vector([g[0], g[1], g[2]])
                             into = v.dot(normal)
-                            if into < 0 or holds:
+                            if into < 0 or grip > 0:
                                 along = v - into * normal
                                 speed = along.norm()
                                 left = ti.cast(0.0, real)
                                 if speed > 0:
                                     left = ti.max(1 - friction * ti.abs(into) / speed, 0.0)
-                                if friction > 1e9:
+                                if grip == 2:
                                     left = 0.0
                                 v = left * along
                                 grid[here] = ti.Vector([v[0], v[1], v[2], g[3]])
@@ -267,25 +273,6 @@ class Body:
             raise ValueError(f"points = {points.shape} of a body; allowed: (n, 3), finite, n at least 1")
         if not 0 < self.volume < math.inf:
             raise ValueError(f"volume = {self.volume} m³ of a particle; allowed: positive")
-
-
-@dataclass(frozen=True)
-class Wall:
-    """A half space that stands still: what lies at n·(x - point) <= 0 is in it.
-
-    friction: Coulomb's; infinite holds what touches it. holds: nothing leaves it either, else it only keeps out
-    Source: A. Stomakhin et al., ACM Trans. Graph. 32 (2013) 102, §8.
-    """
-
-    point: tuple[float, float, float]
-    normal: tuple[float, float, float]
-    friction: float = 0.0
-    holds: bool = False
-
-    def __post_init__(self) -> None:
-        if not math.isclose(math.hypot(*self.normal), 1.0, rel_tol=1e-9) or not self.friction >= 0:
-            raise ValueError(f"normal = {self.normal}, friction = {self.friction} of a wall; allowed: a unit vector, "
-                             f"0 or more")  # fmt: skip
 
 
 def longest_step(bodies: Sequence[Body], dx: float, speed: float = 0.0) -> float:
@@ -398,7 +385,7 @@ class Solver:
         grid, active, count = self._grid, self._active, len(self._active)
         self._clear(grid, active, count, ny, nz)
         for cloud in self._clouds:
-            scatter, _ = _particle_kernels(cloud.material.law(self._real), self._real, cloud.material.state)
+            scatter, _ = _particle_kernels(law(cloud.material, self._real), self._real, cloud.material.state)
             for colour in range(8):
                 low, high = cloud.starts[colour], cloud.starts[colour + 1]
                 if high > low:
@@ -407,10 +394,11 @@ class Solver:
         self._advance(grid, active, count, ny, nz, self._vector(dt * self._gravity))
         for wall in self.walls:
             self._meet(grid, active, count, ny, nz, origin, self.dx, self._vector(wall.point),
-                       self._vector(wall.normal), min(wall.friction, 1e30), int(wall.holds))  # fmt: skip
+                       self._vector(wall.normal), wall.friction,
+                       ("separate", "slip", "stick").index(wall.grip))  # fmt: skip
         fastest = 0.0
         for cloud in self._clouds:
-            _, gather = _particle_kernels(cloud.material.law(self._real), self._real, cloud.material.state)
+            _, gather = _particle_kernels(law(cloud.material, self._real), self._real, cloud.material.state)
             numbers = ti.Vector([*cloud.material.parameters(), 0.0, 0.0, 0.0][:4], self._real)
             speed = gather(cloud.records, grid, len(cloud.records), ny, nz, origin, cells, dt, cloud.mass, cloud.volume,
                            numbers)  # fmt: skip

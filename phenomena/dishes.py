@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from colorsys import hsv_to_rgb
 from dataclasses import dataclass
-from math import asin, cos, hypot, sin, sqrt
+from math import cos, hypot, sin
 from typing import Final
 
 import mujoco
@@ -51,27 +51,12 @@ _COLUMNS, _ROWS = 160, 6
 """Facets of a strip's picture, along and up."""
 
 
-@dataclass(frozen=True)
-class Strip:
-    """A strip of a concave spherical mirror, in the axes of its vertex: z the optical axis, x along the strip, y up.
-
-    radius: of curvature [m]; aperture: half its length [m]; half: of its height [m]
-    """
-
-    radius: float
-    aperture: float
-    half: float
-
-    def grid(self, lip: float = 0.0) -> tuple[Array, Array]:
-        """Points (n, 3) [m] and normals (n, 3) towards z of its surface, row by row, with a border above and below."""
-        points = []
-        for y in np.linspace(-self.half - lip, self.half + lip, _ROWS + 1):
-            widest = asin(sqrt(self.aperture**2 - y**2) / self.radius)
-            x = self.radius * np.sin(np.linspace(-widest, widest, _COLUMNS + 1))
-            z = self.radius - np.sqrt(self.radius**2 - x**2 - y**2)
-            points.append(np.column_stack([x, np.full_like(x, y), z]))
-        found = np.concatenate(points)
-        return found, (np.array([0.0, 0.0, self.radius]) - found) / self.radius
+def _grid(mirror: Conic, lip: float = 0.0) -> tuple[Array, Array]:
+    """Points (n, 3) [m] and normals (n, 3) of a strip of a sphere, row by row, with a border above and below [m]."""
+    y = np.linspace(-mirror.strip - lip, mirror.strip + lip, _ROWS + 1)[:, None]
+    widest = np.arcsin(np.sqrt(mirror.aperture**2 - y**2) / mirror.radius)
+    points, normals = mirror.surface(mirror.radius * np.sin(widest * np.linspace(-1, 1, _COLUMNS + 1)), y)
+    return points.reshape(-1, 3), normals.reshape(-1, 3)
 
 
 def _sheet(first: int = 0, *, turned: bool = False) -> NDArray[np.int32]:
@@ -96,21 +81,22 @@ def _border(count: int) -> NDArray[np.int32]:
     )  # fmt: skip
 
 
-def bent_mirror(scene: Scene, vertex: ArrayLike, heading: float, strip: Strip) -> Part:
-    """A strip of a concave mirror on its edge: its vertex at a place (3,) [m], its back towards a heading [rad],
-    from x towards y."""
+def bent_mirror(scene: Scene, vertex: ArrayLike, heading: float, radius: float, aperture: float, half: float) -> Part:
+    """A strip of a concave spherical mirror on its edge: its vertex at a place (3,) [m], its back towards a heading
+    [rad], from x towards y; its radius of curvature, half its length along the chord, half its height [m]."""
     part = scene.add("bent_mirror")
     body = part.body("mirror")
     body.pos, body.quat = np.asarray(vertex, float), (cos(heading / 2), 0, 0, sin(heading / 2))
-    unit = strip.radius
-    points, normals = strip.grid()
+    mirror = Conic(part.name("silver"), part.name("vertex"), radius, aperture, strip=half)
+    scene.mirrors.append(mirror)
+    points, normals = _grid(mirror)
     scene.spec.add_mesh(
         name=part.name("silver_mesh"), uservert=points.ravel(), usernormal=normals.ravel(),
         userface=_sheet().ravel(), userfacenormal=_sheet().ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )  # fmt: skip
-    points, normals = strip.grid(LIP * unit)
+    points, normals = _grid(mirror, LIP * radius)
     level = normals * (1.0, 0.0, 1.0)  # so that its edges stay level
-    both = np.concatenate([points - depth * unit * level for depth in BEHIND])
+    both = np.concatenate([points - depth * radius * level for depth in BEHIND])
     faces = np.concatenate([_sheet(), _sheet(len(points), turned=True), _border(len(points))])
     scene.spec.add_mesh(
         name=part.name("shell_mesh"), uservert=both.ravel(), userface=faces.ravel(),
@@ -118,9 +104,6 @@ def bent_mirror(scene: Scene, vertex: ArrayLike, heading: float, strip: Strip) -
     )  # fmt: skip
     for geom in ("silver", "shell"):
         part.geom(geom).meshname = part.name(geom + "_mesh")
-    scene.mirrors.append(
-        Conic(part.name("silver"), part.name("vertex"), strip.radius, strip.aperture, strip=strip.half)
-    )
     scene.material(part.name("mirror"), 2500.0, DRY)
     return part
 

@@ -15,7 +15,7 @@ from physinone_mj.run import Run
 from physinone_mj.scene import Lamp, Motor, Part, Scene
 
 from . import dishes
-from .dishes import BARREL, BOARD, CUT, LIP, RAMP, Bench, Shuttle, Strip, bent_mirror, slope, spectral, spread, traced
+from .dishes import BARREL, BOARD, CUT, LIP, RAMP, Bench, Shuttle, bent_mirror, slope, spectral, spread, traced
 from .lasers import DRY, EXACT
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ class FixedConcaveRedirect(Phenomenon, domain="optics"):
         scene.material("stage/floor", 2400.0, DRY)
         bench.table(scene)
         vertex = (r * cos(self.tilt), r * sin(self.tilt), bench.plane)
-        bent_mirror(scene, vertex, self.tilt, Strip(r, self.aperture * r, CUT * r))
+        bent_mirror(scene, vertex, self.tilt, r, self.aperture * r, CUT * r)
         if self.light == "fan":
             self.place_sheet(scene, bench.lasers(scene, -BAR * r, spread(self.fan * r, self.count), self.motion))
         else:

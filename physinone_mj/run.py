@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,33 @@ class Break:
 
 
 @dataclass(frozen=True)
+class Cloud:
+    """A piece of a continuum over time: sums at every sample (T leading), its particles at every frame (F leading).
+
+    mass (T,) [kg]; centre (T, 3) of mass [m]; momentum (T, 3) [kg m/s]; turning (T, 3): angular momentum about the
+    world's origin [kg m²/s]; kinetic, elastic (T,) [J]; volume (T,): Σ J V₀ [m³]; low, high (T, 3): corners of the box
+    around it [m]
+    particles: position, velocity (F, n, 3) single precision [m, m/s], stretch (F, n): J; present (F,): how many of the
+    n are there yet (an inlet adds to them); bulk: volume of one particle at rest [m³]
+    """
+
+    mass: Array
+    centre: Array
+    momentum: Array
+    turning: Array
+    kinetic: Array
+    elastic: Array
+    volume: Array
+    low: Array
+    high: Array
+    position: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    stretch: NDArray[np.float32]
+    present: NDArray[np.int64]
+    bulk: float
+
+
+@dataclass(frozen=True)
 class Motion:
     """Bodies over time, derived from the recorded state. Shapes (T, nbody, 3) or (T, nbody, 4) or (T,)."""
 
@@ -62,6 +90,8 @@ class Run:
 
     t: (T,) [s], uniform, starting at 0; qpos: (T, nq); qvel: (T, nv), in MuJoCo's order
     stride: recorded samples per video frame
+    cell: side of a cell of a continuum's grid [m]; clouds: its pieces, by name; pushed: by body of the scene that its
+    matter meets, (T, 6), the impulse and the angular impulse about the world's origin given to it so far [N s, N m s]
     """
 
     specimen: Any  # a Phenomenon; its laws read the parameters of their own class
@@ -78,6 +108,9 @@ class Run:
     seconds: float
     again_with: Callable[..., Run] = field(repr=False)
     breaks: tuple[Break, ...] = ()
+    cell: float = math.nan
+    clouds: Mapping[str, Cloud] = field(default_factory=dict)
+    pushed: Mapping[str, Array] = field(default_factory=dict)
     _repeats: dict[tuple[tuple[str, Any], ...], Run] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .constants import STANDARD_GRAVITY
 from .contact import Surface
+from .continuum import Continuum
 
 Push: TypeAlias = Callable[[Any], None]
 """Adds a force to `data.xfrc_applied`, as a function of the current state alone; called at every force evaluation."""
@@ -39,14 +40,6 @@ class Effect(Protocol):
 
     def potential(self, model: Any, data: Any) -> float:
         """Potential energy [J] at the current state; 0 for a force that has none."""
-        ...
-
-
-class Medium(Protocol):
-    """A continuum with a state of its own, advanced once per rigid step (sub-stepping inside)."""
-
-    def bind(self, model: Any, fidelity: Any) -> Callable[[Any, float], None]:
-        """Return advance(data, dt), which pushes impulses back on the bodies; momentum is conserved."""
         ...
 
 
@@ -179,10 +172,14 @@ class Conic:
         if not self.strip > 0:
             raise ValueError(f"strip = {self.strip} m {what} more than 0")
 
-    def height(self, distance: float) -> float:
-        """z [m] at a distance ρ from the axis [m]."""
-        c = 1 / self.radius
-        return c * distance**2 / (1 + math.sqrt(1 - (1 + self.conic) * (c * distance) ** 2))
+    def surface(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points (..., 3) [m] over places x, y (...) [m] in its site's axes, and unit normals (..., 3) towards z."""
+        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        c, flat, bent = 1 / self.radius, 1 + self.conic, 0.0 if self.half_length else 1.0
+        square = x**2 + bent * y**2
+        z = c * square / (1 + np.sqrt(1 - flat * c**2 * square))
+        normals = np.stack([-c * x, -c * bent * y, 1 - c * flat * z], axis=-1)
+        return np.stack([x, y, z], axis=-1), normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -302,7 +299,7 @@ class Scene:
     fps: int = 30
     spec: Any = field(default_factory=mujoco.MjSpec)
     effects: list[Effect] = field(default_factory=list)
-    continua: list[Medium] = field(default_factory=list)
+    continua: list[Continuum] = field(default_factory=list)
     coils: list[Coil] = field(default_factory=list)
     cords: dict[str, str] = field(default_factory=dict)
     start: dict[str, ArrayLike] = field(default_factory=dict)

@@ -519,16 +519,11 @@ def _silvered(conic: Conic) -> Mesh:
     half = conic.half_length or min(conic.strip, conic.aperture)
     s, t = np.meshgrid(np.linspace(-1, 1, CHORDS + 1), np.linspace(-1, 1, CHORDS + 1))
     y = half * t
-    x = s * (conic.aperture if conic.half_length else np.sqrt(conic.aperture**2 - y**2))
-    bent = 0.0 if conic.half_length else 1.0
-    c, flat, square = 1 / conic.radius, 1 + conic.conic, x**2 + bent * y**2
-    z = c * square / (1 + np.sqrt(1 - flat * c**2 * square))
-    normals = np.stack([-c * x, -c * bent * y, 1 - c * flat * z], -1).reshape(-1, 3)
+    points, normals = conic.surface(s * (conic.aperture if conic.half_length else np.sqrt(conic.aperture**2 - y**2)), y)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(CHORDS), np.arange(CHORDS), indexing="ij"))
     low, right, up, both = (a * (CHORDS + 1) + b for a, b in ((i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)))
     triangles = np.concatenate([np.stack([low, right, both], 1), np.stack([low, both, up], 1)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(np.stack([x, y, z], -1).reshape(-1, 3), triangles, normals)
+    return Mesh(points.reshape(-1, 3), triangles, normals.reshape(-1, 3))
 
 
 def _texels(model: Any, texture: int) -> Array:

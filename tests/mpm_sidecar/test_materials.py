@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mpm_sidecar._ti import ti
-from mpm_sidecar.materials import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
+from mpm_sidecar.materials import law
+from physinone_mj.continuum import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
 
 from .taichi_at import KERNELS, taichi_at
 
@@ -48,7 +49,7 @@ def respond(material: Any, s: Any, grad: Any, dt: float = 1e-4, precision: Any =
     taichi_at(real)
     after, stress = np.array(s, precision, order="C"), np.zeros((len(s), 3, 3), precision)
     numbers = material.parameters()
-    kernel = _kernel(material.law(real), real, material.state, len(numbers))
+    kernel = _kernel(law(material, real), real, material.state, len(numbers))
     kernel(after, np.array(grad, precision, order="C"), stress, dt, ti.Vector(numbers, real))
     return after.astype(float), stress.astype(float)
 
