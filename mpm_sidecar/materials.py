@@ -23,13 +23,12 @@ Source: the supplement of PhysInOne (CVPR 2026), eq. 2-12, with its slips put ri
 from __future__ import annotations
 
 import math
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 from physinone_mj.continuum import Elastic, Granular, Material, Newtonian, Plasticine, Viscoplastic
 
-from ._ti import ti
+from ._ti import kernels, ti
 
 Law: TypeAlias = Any
 """ti.func (state, Δt ∇v (3, 3), Δt [s], parameters) -> (state', Kirchhoff stress (3, 3) [Pa])."""
@@ -38,7 +37,7 @@ SMALL: Final = 0.25
 """|z| up to which log1p(z)/z and expm1(z)/z are series."""
 
 
-@cache
+@kernels
 def functions(real: Any) -> Any:
     """What the laws share, at a precision: symmetric matrices, logarithms, eigenvalues."""
     terms = 6 if real == ti.f32 else 9
@@ -149,7 +148,7 @@ def functions(real: Any) -> Any:
     )  # fmt: skip
 
 
-@cache
+@kernels
 def _elastic(real: Any) -> Law:
     """τ = μ (b - I) + λ ln J I."""
     shared = functions(real)
@@ -171,7 +170,7 @@ Flow: TypeAlias = Any
 """ti.func (‖ê‖, tr ε, b̄ = tr b/3, volume gained, dt, parameters) -> (factor of ê, tr ε', volume gained')."""
 
 
-@cache
+@kernels
 def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
     """St. Venant-Kirchhoff elasticity in Hencky strain, τ = 2 μ ε + λ tr ε I, and a rule of flow.
 
@@ -218,7 +217,7 @@ def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
     return respond
 
 
-@cache
+@kernels
 def _plasticine(real: Any) -> Law:
     """‖ê‖ is kept at or below τ_Y/2μ."""
 
@@ -232,7 +231,7 @@ def _plasticine(real: Any) -> Law:
     return _hencky(real, flow, False)
 
 
-@cache
+@kernels
 def _viscoplastic(real: Any) -> Law:
     """ŝ = s - (s - τ_Y)/(1 + η/(2 μ̂ Δt))."""
 
@@ -246,7 +245,7 @@ def _viscoplastic(real: Any) -> Law:
     return _hencky(real, flow, False)
 
 
-@cache
+@kernels
 def _granular(real: Any) -> Law:
     """‖ê‖ is kept at or below -α (3 λ + 2 μ)/2μ tr ε, and tr ε at or below what was gained."""
 
@@ -262,7 +261,7 @@ def _granular(real: Any) -> Law:
     return _hencky(real, flow, True)
 
 
-@cache
+@kernels
 def _newtonian(real: Any) -> Law:
     """τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I."""
     shared = functions(real)

@@ -20,16 +20,16 @@ Defects: explicit, stable below `longest_step` only; affine velocities damp shea
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from physinone_mj.continuum import Material, Wall
+from physinone_mj.continuum import Material
 
-from ._ti import ti
+from ._ti import kernels, ti
+from .collide import Bearer, begin
 from .materials import law
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ _VISCOUS: Final = 0.1
 _MOST_NODES: Final = 2**28
 
 
-@cache
+@kernels
 def _particle_kernels(law: Any, real: Any, state: int) -> Any:
     """(scatter, gather) for one material's law at a precision."""
     width = 15 + state
@@ -155,14 +155,7 @@ def _particle_kernels(law: Any, real: Any, state: int) -> Any:
     return scatter, gather
 
 
-@ti.func
-def _begin(block, ny, nz):
-    """Index of a block's first node along each axis."""
-    across, row = nz // 4, (nz // 4) * (ny // 4)
-    return 4 * (block // row), 4 * (block % row // across), 4 * (block % across)
-
-
-@cache
+@kernels
 def _grid_kernels(real: Any) -> Any:
     """(clear, advance) of the grid's active blocks."""
     node = ti.types.vector(4, real)
@@ -171,7 +164,7 @@ def _grid_kernels(real: Any) -> Any:
     @ti.kernel
     def clear(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32):
         for a in range(count):
-            x, y, z = _begin(blocks[a], ny, nz)
+            x, y, z = begin(blocks[a], ny, nz)
             for i in range(4):
                 for j in range(4):
                     here = ((x + i) * ny + y + j) * nz + z
@@ -181,7 +174,7 @@ def _grid_kernels(real: Any) -> Any:
     @ti.kernel
     def advance(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, kick: ti.types.vector(3, real)):
         for a in range(count):
-            x, y, z = _begin(blocks[a], ny, nz)
+            x, y, z = begin(blocks[a], ny, nz)
             for i in range(4):
                 for j in range(4):
                     here = ((x + i) * ny + y + j) * nz + z
@@ -194,42 +187,6 @@ def _grid_kernels(real: Any) -> Any:
                             ])  # fmt: skip
 
     return clear, advance
-
-
-@cache
-def _wall_kernel(real: Any) -> Any:
-    """What a half space does to the velocities of the nodes in it."""
-    node, place = ti.types.vector(4, real), ti.types.vector(3, real)
-    whole, nodes = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=node, ndim=1)
-
-    @ti.kernel
-    def meet(
-        grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, origin: place, dx: real, point: place,
-        normal: place, friction: real, grip: ti.i32,
-    ):  # fmt: skip
-        for a in range(count):
-            x, y, z = _begin(blocks[a], ny, nz)
-            for i in range(4):
-                for j in range(4):
-                    for k in range(4):
-                        here = ((x + i) * ny + y + j) * nz + z + k
-                        g = grid[here]
-                        node_at = origin + dx * ti.Vector([x + i, y + j, z + k])
-                        if g[3] > 0 and (node_at - point).dot(normal) <= 1e-4 * dx:  # nodes on it, too
-                            v = ti.Vector([g[0], g[1], g[2]])
-                            into = v.dot(normal)
-                            if into < 0 or grip > 0:
-                                along = v - into * normal
-                                speed = along.norm()
-                                left = ti.cast(0.0, real)
-                                if speed > 0:
-                                    left = ti.max(1 - friction * ti.abs(into) / speed, 0.0)
-                                if grip == 2:
-                                    left = 0.0
-                                v = left * along
-                                grid[here] = ti.Vector([v[0], v[1], v[2], g[3]])
-
-    return meet
 
 
 @njit(cache=True)
@@ -309,27 +266,32 @@ class Solver:
     Args:
         bodies: what there is.
         dx: side of a cell [m].
-        gravity: (3,) [m/s²].
-        walls: what stands in the way.
+        gravity: (3,) [m/s²]; may be set anew at any time.
+        bearers: what stands in the way; after each step they are where they then are.
+        period: length after which the world repeats itself along each axis [m], whole cells, 8 at least, or infinite.
         double: in double precision.
 
     Raises:
-        ValueError: no body, or a cell that is not positive.
+        ValueError: no body, a cell that is not positive, a period that is not of whole cells.
     """
 
     def __init__(
         self, bodies: Sequence[Body], dx: float, *, gravity: ArrayLike = (0.0, 0.0, 0.0),
-        walls: Sequence[Wall] = (), double: bool = False,
+        bearers: Sequence[Bearer] = (), period: ArrayLike = math.inf, double: bool = False,
     ) -> None:  # fmt: skip
         if not bodies or not 0 < dx < math.inf:
             raise ValueError(f"{len(bodies)} bodies, dx = {dx} m; allowed: at least one body, a positive dx")
-        self.dx, self.bodies, self.walls, self.time, self.steps = dx, tuple(bodies), tuple(walls), 0.0, 0
+        self.dx, self.bodies, self.bearers, self.time, self.steps = dx, list(bodies), tuple(bearers), 0.0, 0
         self._real = ti.f64 if double else ti.f32
         self._type: Any = np.float64 if double else np.float32
-        self._gravity = np.asarray(gravity, float)
+        self.gravity = np.asarray(gravity, float)
+        self._period = np.broadcast_to(np.asarray(period, float), 3)
+        cycle = np.where(np.isfinite(self._period), self._period / dx, 0.0)
+        self._cycle = np.round(cycle).astype(int)
+        if not np.allclose(cycle, self._cycle, rtol=0, atol=1e-6) or (self._cycle[self._cycle != 0] < 2 * _SIDE).any():
+            raise ValueError(f"period = {self._period} m of cells of {dx} m; allowed: whole cells, {2 * _SIDE} or more")
         self._clouds = [_Cloud(body, self._type) for body in bodies]
         self._clear, self._advance = _grid_kernels(self._real)
-        self._meet = _wall_kernel(self._real)
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)
         self._active = np.zeros(0, np.int32)
@@ -391,11 +353,10 @@ class Solver:
                 if high > low:
                     scatter(cloud.records, grid, cloud.first, cloud.blocks, low, high, ny, nz, origin, cells,
                             cloud.mass)  # fmt: skip
-        self._advance(grid, active, count, ny, nz, self._vector(dt * self._gravity))
-        for wall in self.walls:
-            self._meet(grid, active, count, ny, nz, origin, self.dx, self._vector(wall.point),
-                       self._vector(wall.normal), wall.friction,
-                       ("separate", "slip", "stick").index(wall.grip))  # fmt: skip
+        self._fold()
+        self._advance(grid, active, count, ny, nz, self._vector(dt * self.gravity))
+        for bearer in self.bearers:
+            bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
         fastest = 0.0
         for cloud in self._clouds:
             _, gather = _particle_kernels(law(cloud.material, self._real), self._real, cloud.material.state)
@@ -404,6 +365,8 @@ class Solver:
                            numbers)  # fmt: skip
             fastest = speed if not speed <= fastest else fastest
         self._fastest = float(fastest)
+        for bearer in self.bearers:
+            bearer.move(dt)
         self._drift += self._fastest * dt
         self.time += dt
         self.steps += 1
@@ -411,14 +374,28 @@ class Solver:
     def _vector(self, values: ArrayLike) -> Any:
         return ti.Vector(np.asarray(values, float).tolist(), self._real)
 
+    def _fold(self) -> None:
+        """Where the world repeats itself, nodes that are one have the sum of what both got."""
+        whole = self._grid.reshape(*self._shape, 4)
+        for axis in np.flatnonzero(self._cycle):
+            here = np.moveaxis(whole, axis, 0)[-self._corner[axis] - _SIDE : -self._corner[axis] + _SIDE]
+            there = np.moveaxis(whole, axis, 0)[self._cycle[axis] - self._corner[axis] - _SIDE :][: 2 * _SIDE]
+            here += there
+            there[:] = here
+
     def _sort(self) -> None:
         """Sort all particles by block, on a grid that holds them, and list the blocks that they can touch."""
+        for axis in np.flatnonzero(self._cycle):
+            for cloud in self._clouds:
+                x = cloud.records[:, axis]
+                x -= np.floor(x / self._period[axis]).astype(x.dtype) * x.dtype.type(self._period[axis])
         spans = [np.stack([c.records[:, :3].min(axis=0), c.records[:, :3].max(axis=0)]) for c in self._clouds]
         low, high = np.min([s[0] for s in spans], axis=0), np.max([s[1] for s in spans], axis=0)
         if not np.isfinite([low, high]).all():
             raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
         side = _SIDE * self.dx
         first, last = np.floor(low / side).astype(int), np.floor(high / side).astype(int)
+        first, last = np.where(self._cycle, -1, first), np.where(self._cycle, self._cycle // _SIDE + 1, last)
         inside = self._corner // _SIDE + _MARGIN <= first
         beyond = last < (self._corner + self._shape) // _SIDE - _MARGIN
         if not (inside.all() and beyond.all()):
@@ -445,5 +422,10 @@ class Solver:
                 for dy in (-1, 0, 1):
                     for dz in (-1, 0, 1):
                         near[x + dx, y + dy, z + dz] = True
+        for axis in np.flatnonzero(self._cycle):
+            along = np.moveaxis(near, axis, 0)
+            zero, cycle = -self._corner[axis] // _SIDE, self._cycle[axis]
+            ends = [zero + s for s in (-1, 0)] + [zero + (cycle + s) // _SIDE for s in (-_SIDE, -1, 0, _SIDE - 1)]
+            along[ends] = along[ends].any(axis=0)
         self._active = np.flatnonzero(near.ravel()).astype(np.int32)
         self._drift = 0.0

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpm_sidecar._ti import ti
+from mpm_sidecar._ti import kernels, ti
 from mpm_sidecar.materials import law
 from physinone_mj.continuum import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
 
-from .taichi_at import KERNELS, taichi_at
+from .taichi_at import taichi_at
 
 Array = NDArray[np.float64]
 HENCKY = [Plasticine(), Viscoplastic(), Granular()]
@@ -26,7 +25,7 @@ named = pytest.mark.parametrize("material", ALL, ids=lambda m: type(m).__name__)
 solid = pytest.mark.parametrize("material", [Elastic(), *HENCKY], ids=lambda m: type(m).__name__)
 
 
-@cache
+@kernels
 def _kernel(law: Any, real: Any, state: int, numbers: int) -> Any:
     states = ti.types.ndarray(dtype=ti.types.vector(state, real), ndim=1)
     matrices = ti.types.ndarray(dtype=ti.types.matrix(3, 3, real), ndim=1)
@@ -38,9 +37,6 @@ def _kernel(law: Any, real: Any, state: int, numbers: int) -> Any:
 
     respond.__annotations__ = {"s": states, "grad": matrices, "tau": matrices, "dt": real, "k": given}
     return ti.kernel(respond)
-
-
-KERNELS.append(_kernel.cache_clear)
 
 
 def respond(material: Any, s: Any, grad: Any, dt: float = 1e-4, precision: Any = DOUBLE) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mpm_sidecar._ti import ti
+from mpm_sidecar.collide import Bearer, Obstacle
 from mpm_sidecar.transfer import Body, Solver, longest_step
 from physinone_mj.continuum import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, Wall, lame
 
@@ -25,6 +26,10 @@ INNER = (0.25, 0.75)
 """Places in a cell of two particles on a line [cell]: eight in each are as Gauss's points of equal weight."""
 
 named = pytest.mark.parametrize("material", ALL, ids=lambda m: type(m).__name__)
+
+
+def standing(*walls: Wall) -> list[Bearer]:
+    return [Bearer([Obstacle.wall(wall) for wall in walls])]
 
 
 def cube(cells: tuple[int, int, int], dx: float, corner: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
@@ -121,7 +126,7 @@ def test_a_column_sounds_at_its_own_pitch(cells: int, within: float) -> None:
             place, normal = np.zeros(3), np.zeros(3)
             place[axis], normal[axis] = at, side
             walls.append(Wall(tuple(place), tuple(normal), "slip"))
-    solver = Solver([body(material, points, dx, start)], dx, walls=walls, double=True)
+    solver = Solver([body(material, points, dx, start)], dx, bearers=standing(*walls), double=True)
     mu, lam = lame(material.young, material.poisson)
     period = 4 * length / math.sqrt((lam + 2 * mu) / material.density)
     dt = 0.5 * longest_step(solver.bodies, dx)
@@ -146,7 +151,7 @@ def test_walls_hold_by_friction(friction: float, left: float) -> None:
     dx = 1 / 16
     points = cube((1, 1, 1), dx, (0.0, 0.0, -3 * dx))
     wall = Wall((0, 0, 0), (0, 0, 1), friction=friction)
-    solver = Solver([body(Elastic(), points, dx, (1.0, 0.0, -1.0))], dx, walls=[wall], double=True)
+    solver = Solver([body(Elastic(), points, dx, (1.0, 0.0, -1.0))], dx, bearers=standing(wall), double=True)
     solver.step(1e-6)
     assert solver.velocities() == pytest.approx(np.tile([left, 0, 0], (8, 1)), abs=1e-12)
 
@@ -156,6 +161,7 @@ import hashlib, sys
 import numpy as np
 from mpm_sidecar._ti import ti
 ti.init(arch=ti.cpu, log_level=ti.ERROR, cpu_max_num_threads=int(sys.argv[1]), offline_cache=False)
+from mpm_sidecar.collide import Bearer, Obstacle
 from mpm_sidecar.transfer import Body, Solver
 from physinone_mj.continuum import *
 rng = np.random.default_rng(0)
@@ -163,7 +169,7 @@ digest = hashlib.sha256()
 for material in (Elastic(young=1e4), Plasticine(young=1e4), Viscoplastic(young=1e4), Granular(), Newtonian(bulk=1e4)):
     points = rng.random((2000, 3)) * 0.3 + (0, 0, 0.01)
     solver = Solver([Body(material, points, 0.027 / 2000, (1.0, 0.5, -2.0))], 1 / 32, gravity=(0, 0, -9.8),
-                    walls=[Wall((0, 0, 0), (0, 0, 1), friction=0.5)])
+                    bearers=[Bearer([Obstacle.wall(Wall((0, 0, 0), (0, 0, 1), friction=0.5))])])
     solver.advance(0.02)
     digest.update(solver.positions().tobytes() + solver.states().tobytes())
 print("digest", digest.hexdigest())
