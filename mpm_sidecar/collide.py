@@ -368,7 +368,8 @@ class Bearer:
 
     pivot: its centre of mass (3,) [m]; velocity of that (3,) [m/s]; spin (3,) [rad/s]
     yields: Λ (6, 6), change of (velocity, spin) by an impulse and its moment about the pivot; None: fixed or driven
-    impulse, twist: given to it so far, and its moment about the world's origin [N s, N m s]
+    impulse, twist: given to it so far, and its moment about the world's origin [N s, N m s]; latest: (6,) what the last
+    step gave of both
     """
 
     obstacles: list[Obstacle]
@@ -378,6 +379,7 @@ class Bearer:
     yields: Array | None = None
     impulse: Array = field(default_factory=lambda: np.zeros(3))
     twist: Array = field(default_factory=lambda: np.zeros(3))
+    latest: Array = field(default_factory=lambda: np.zeros(6))
 
     def move(self, dt: float) -> None:
         """Go on for a time [s] as it moves now."""
@@ -402,6 +404,7 @@ class Bearer:
         if self.yields is not None:
             met = self._sums(grid, blocks, shape, origin, dx, real, velocity, spin, weighs=True)
             if not met[:6].any():
+                self.latest = np.zeros(6)
                 return
             weight = met[6:].reshape(6, 6)
             change = np.linalg.solve(np.eye(6) + self.yields @ weight, self.yields @ met[:6])
@@ -410,8 +413,8 @@ class Bearer:
         if self.yields is not None:
             change = self.yields @ given
             self.velocity, self.spin = self.velocity + change[:3], self.spin + change[3:]
-        self.impulse = self.impulse + given[:3]
-        self.twist = self.twist + given[3:] + np.cross(self.pivot, given[:3])
+        self.latest = np.concatenate([given[:3], given[3:] + np.cross(self.pivot, given[:3])])
+        self.impulse, self.twist = self.impulse + self.latest[:3], self.twist + self.latest[3:]
 
     def _sums(
         self, grid: Any, blocks: Any, shape: Any, origin: Any, dx: float, real: Any, velocity: Array, spin: Array, *,

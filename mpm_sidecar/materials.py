@@ -26,9 +26,14 @@ import math
 from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from physinone_mj.continuum import Elastic, Granular, Material, Newtonian, Plasticine, Viscoplastic
 
 from ._ti import kernels, ti
+
+Array = NDArray[np.float64]
 
 Law: TypeAlias = Any
 """ti.func (state, Δt ∇v (3, 3), Δt [s], parameters) -> (state', Kirchhoff stress (3, 3) [Pa])."""
@@ -292,3 +297,43 @@ def law(material: Material, real: Any) -> Law:
     if type(material) not in _LAWS:
         raise TypeError(f"no law for {type(material).__name__}; allowed: {', '.join(m.__name__ for m in _LAWS)}")
     return _LAWS[type(material)](real)
+
+
+def stretch(material: Material, states: Array) -> Array:
+    """J (n,): how many times its volume at rest a particle of these states (n, state) has."""
+    s = np.asarray(states, float)
+    if isinstance(material, Newtonian):
+        return 1 + s[:, 0]
+    gained = s[:, 6] if material.state > 6 else 0.0
+    return np.asarray(np.sqrt(np.prod(1 + _eigenvalues(s), axis=1)) * np.exp(gained))
+
+
+def energy(material: Material, states: Array) -> Array:
+    """Elastic energy of particles of these states (n, state), by volume at rest (n,) [J/m³].
+
+    ½ μ (tr b - 3) - μ ln J + ½ λ ln² J, μ ‖ε‖² + ½ λ tr² ε, or κ (½ J² + J⁻⁵/5 - 7/10) of a fluid: what its law's
+    stress, or the elastic part of that, is the derivative of.
+    """
+    s = np.asarray(states, float)
+    if isinstance(material, Newtonian):
+        j = 1 + s[:, 0]
+        return np.asarray(material.bulk * (0.5 * (j**2 - 1) + 0.2 * (j**-5 - 1)))
+    mu, lam = material.parameters()[:2]
+    e = _eigenvalues(s)
+    log = np.log1p(e).sum(axis=1)
+    if isinstance(material, Elastic):
+        return np.asarray(0.5 * mu * (e.sum(axis=1) - log) + 0.125 * lam * log**2)
+    return np.asarray(0.25 * mu * (np.log1p(e) ** 2).sum(axis=1) + 0.125 * lam * log**2)
+
+
+def _eigenvalues(s: Array) -> Array:
+    """Of c (n, 3), by the cubic's cosines; above -1."""
+    mean = (s[:, 0] + s[:, 3] + s[:, 5]) / 3
+    a, b, c, p, q, r = s[:, 0] - mean, s[:, 3] - mean, s[:, 5] - mean, s[:, 1], s[:, 2], s[:, 4]
+    size = np.sqrt((a * a + b * b + c * c + 2 * (p * p + q * q + r * r)) / 6)
+    cube = a * (b * c - r * r) - p * (p * c - r * q) + q * (p * r - b * q)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(size > 0, cube / (2 * size**3), 0.0)
+    turn = np.arccos(np.clip(ratio, -1, 1)) / 3
+    angles = turn[:, None] + np.array([0.0, -2.0, 2.0]) * (math.pi / 3)
+    return np.asarray(np.maximum(mean[:, None] + 2 * size[:, None] * np.cos(angles), -1 + 1e-9))

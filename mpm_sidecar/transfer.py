@@ -4,6 +4,8 @@
     velocity  v_i = p_i/m_i + Δt g, then what it meets
     particle  v_p = Σ w_ip v_i,  C_p = (4/Δx²) Σ w_ip v_i ⊗ (x_i - x_p),  x_p += Δt v_p
 
+where velocities are those of a step's middle, as a leapfrog's: the first step has half of g.
+
 Source: Y. Hu et al., ACM Trans. Graph. 37 (2018) 150, eq. 16-29 (MLS-MPM); C. Jiang et al., J. Comput. Phys. 338 (2017)
 137 (affine velocities, which keep linear and angular momentum).
 
@@ -258,6 +260,11 @@ class _Cloud:
         self.first = np.zeros(1, np.int32)
         self.blocks = np.zeros(0, np.int32)
         self.starts: list[int] = []
+        self.ahead = np.zeros(3)  # half a step's change of velocity, from the last one's middle to its end
+
+    def momentum(self) -> Array:
+        """Σ m v of the velocities that there are (3,) [kg m/s]."""
+        return np.asarray(self.mass * self.records[:, 3:6].sum(axis=0, dtype=float))
 
 
 class Solver:
@@ -295,7 +302,7 @@ class Solver:
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)
         self._active = np.zeros(0, np.int32)
-        self._drift = math.inf
+        self._drift, self._last = math.inf, 0.0
         self._fastest = max(float(np.abs(c.records[:, 3:6]).max()) for c in self._clouds)
 
     def positions(self, body: int = 0) -> Array:
@@ -303,8 +310,8 @@ class Solver:
         return self._given(body, slice(0, 3))
 
     def velocities(self, body: int = 0) -> Array:
-        """(n, 3) [m/s], in the order in which they were given."""
-        return self._given(body, slice(3, 6))
+        """(n, 3) [m/s], in the order in which they were given; now, if `advance` came last."""
+        return self._given(body, slice(3, 6)) + self._clouds[body].ahead
 
     def states(self, body: int = 0) -> Array:
         """(n, state) of the material's law, in the order in which they were given."""
@@ -316,23 +323,37 @@ class Solver:
         out[cloud.order] = cloud.records[:, columns]
         return out
 
+    def add(self, body: int, points: Array, velocity: ArrayLike) -> None:
+        """Give a body more particles: (n, 3) [m], at rest within and of a velocity [m/s]. They come last."""
+        cloud = self._clouds[body]
+        new = np.zeros((len(points), cloud.records.shape[1]), self._type)
+        new[:, :3], new[:, 3:6] = points, velocity
+        cloud.order = np.concatenate([cloud.order, len(cloud.order) + np.arange(len(points))])
+        cloud.records = np.concatenate([cloud.records, new])
+        cloud.spare = np.empty_like(cloud.records)
+        self._fastest = max(self._fastest, float(np.abs(new[:, 3:6]).max(initial=0.0)))
+        self._drift = math.inf
+
     def momentum(self) -> Array:
-        """Σ m v (3,) [kg m/s]."""
-        return np.sum([c.mass * c.records[:, 3:6].astype(float).sum(axis=0) for c in self._clouds], axis=0)
+        """Σ m v (3,) [kg m/s], of the middle of the last step: what bearers lost and gained until then."""
+        return np.sum([c.momentum() for c in self._clouds], axis=0)
 
     def advance(self, duration: float) -> int:
         """Go on for so long [s], in as many steps as stability needs; returns how many.
 
         ArithmeticError if anything is not finite, before the next step.
         """
-        left = duration
-        taken = 0
+        left, taken = duration, 0
         while left > 1e-9 * duration:
             if not math.isfinite(self._fastest):
                 raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
             longest = longest_step(self.bodies, self.dx, 2 * self._fastest + 1e-3)
-            dt = left / max(1, math.ceil(left / longest))
+            parts = max(1, math.ceil(left / longest))
+            dt = left / parts
+            before = [cloud.momentum() for cloud in self._clouds] if parts == 1 else []
             self.step(dt)
+            for cloud, momentum in zip(self._clouds, before, strict=False):
+                cloud.ahead = (cloud.momentum() - momentum) / (2 * cloud.mass * len(cloud.records))
             left -= dt
             taken += 1
         return taken
@@ -354,7 +375,9 @@ class Solver:
                     scatter(cloud.records, grid, cloud.first, cloud.blocks, low, high, ny, nz, origin, cells,
                             cloud.mass)  # fmt: skip
         self._fold()
-        self._advance(grid, active, count, ny, nz, self._vector(dt * self.gravity))
+        # velocities are those of the middle of a step, so that what falls freely falls exactly
+        self._advance(grid, active, count, ny, nz, self._vector((self._last + dt) / 2 * self.gravity))
+        self._last = dt
         for bearer in self.bearers:
             bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
         fastest = 0.0

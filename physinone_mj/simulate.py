@@ -20,9 +20,9 @@ import itertools
 import json
 import math
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 import numpy as np
@@ -33,10 +33,14 @@ from . import contact, optics
 from .base import Phenomenon, Refusal, Verdict
 from .constants import STANDARD_GRAVITY
 from .contact import Surface
-from .fidelity import STANDARD, Fidelity
+from .continuum import Continuum
+from .fidelity import REFERENCE, STANDARD, Fidelity
 from .registry import phenomenon
-from .run import Break, Impact, Run
+from .run import Break, Cloud, Impact, Run
 from .scene import IMMATERIAL, Bowl, Scene
+
+if TYPE_CHECKING:
+    from mpm_sidecar.medium import Medium
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -89,6 +93,11 @@ class Compiled:
     steps: int
     stride: int
     samples: int
+
+    @property
+    def cell(self) -> float:
+        """Side of a cell of a continuum's grid [m]."""
+        return self.scene.length / self.fidelity.cells
 
 
 def build(specimen: Phenomenon) -> Scene:
@@ -249,7 +258,9 @@ def _start(model: Any, data: Any, scene: Scene) -> None:
 class Stepper:
     """Advances one compiled scene by one recorded sample at a time. Use as a context: the force callback is global."""
 
-    def __init__(self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0), data: Any = None) -> None:
+    def __init__(
+        self, compiled: Compiled, boost: ArrayLike = (0.0, 0.0, 0.0), data: Any = None, seed: int = 0
+    ) -> None:  # fmt: skip
         self.compiled, self.model = compiled, compiled.model
         self.data = mujoco.MjData(self.model) if data is None else data
         _start(self.model, self.data, compiled.scene)
@@ -270,6 +281,19 @@ class Stepper:
         self._clear = self.data.xfrc_applied.fill
         self._crowded = False
         self._forward()
+        self.media = [self._medium(continuum, seed) for continuum in compiled.scene.continua]
+        self._pushes += [medium.push for medium in self.media]
+
+    def _medium(self, continuum: Continuum, seed: int) -> Medium:
+        from mpm_sidecar.medium import Medium
+
+        compiled = self.compiled
+        driven = [dof for dof, motor in compiled.joined.motors if motor.force == motor.off == math.inf]
+        return Medium(
+            continuum, self.model, self.data, cell=compiled.cell, gravity=compiled.scene.gravity,
+            duration=compiled.samples / self._rate, driven=driven, seed=seed,
+            double=compiled.fidelity.cells >= REFERENCE.cells,
+        )  # fmt: skip
 
     def __enter__(self) -> Stepper:
         # without a listener MuJoCo writes MUJOCO_LOG.TXT wherever it runs
@@ -292,11 +316,16 @@ class Stepper:
         data = self.data
         self._sample += 1
         try:
-            if self._solver is None:
+            if self._solver is None and not self.media:
                 mujoco.mj_step(self.model, data, self._steps)
             else:
                 for _ in range(self._steps):
-                    self._step()
+                    for medium in self.media:
+                        medium.advance(data, self.compiled.step)
+                    if self._solver is None:
+                        mujoco.mj_step(self.model, data)
+                    else:
+                        self._step()
         except ArithmeticError as why:  # contact that does not settle, or an effect beyond its validity
             raise UnstableScene(self.compiled.specimen, data.time, str(why)) from None
         # counted, not summed: the clock of sample n is the same double whatever the steps were
@@ -451,12 +480,14 @@ def simulate_specimen(
     model, count = compiled.model, compiled.samples
     qpos, qvel, t = np.empty((count, model.nq)), np.empty((count, model.nv)), np.empty(count)
     begun = clock.process_time()
-    with Stepper(compiled, boost) as stepper:
+    with Stepper(compiled, boost, seed=seed) as stepper:
         data = stepper.data
+        film = Film(scene.continua, stepper.media, count, compiled.stride)
         for i in range(count):
             if i:
                 stepper.advance()
             t[i], qpos[i], qvel[i] = data.time, data.qpos, data.qvel
+            film.take(i)
             if i % compiled.stride == 0 or i == count - 1:
                 stepper.inspect()
                 if progress:
@@ -465,7 +496,55 @@ def simulate_specimen(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
         stride=compiled.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=compiled.step,
         seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed),
+        cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
     )  # fmt: skip
+
+
+class Film:
+    """The record of a scene's matter while it is made: sums at every sample, particles at every frame."""
+
+    def __init__(self, continua: Sequence[Continuum], media: Sequence[Medium], samples: int, stride: int) -> None:
+        self._pieces = [(m, i, piece) for m, c in zip(media, continua, strict=True) for i, piece in enumerate(c.pieces)]
+        self._media, self._stride = media, stride
+        self._sums = [
+            {key: np.empty((samples, *np.shape(value))) for key, value in sums.items()}
+            for medium in media for sums in medium.sums()
+        ]  # fmt: skip
+        self._pushed = {name: np.empty((samples, 6)) for medium in media for name in medium.pushed()}
+        frames = len(range(0, samples, stride))
+        self._seen = [np.full((frames, m.most[i], 7), np.nan, np.float32) for m, i, _ in self._pieces]
+        self._present = np.zeros((len(self._pieces), frames), np.int64)
+
+    def take(self, sample: int) -> None:
+        """Write down a sample."""
+        found = [sums for medium in self._media for sums in medium.sums()]
+        for kept, sums in zip(self._sums, found, strict=True):
+            for key, value in sums.items():
+                kept[key][sample] = value
+        for medium in self._media:
+            for name, given in medium.pushed().items():
+                self._pushed[name][sample] = given
+        if sample % self._stride == 0:
+            frame = sample // self._stride
+            seen = [particles for medium in self._media for particles in medium.particles()]
+            for number, (x, v, j) in enumerate(seen):
+                self._seen[number][frame, : len(x)] = np.column_stack([x, v, j])
+                self._present[number, frame] = len(x)
+
+    def clouds(self) -> dict[str, Cloud]:
+        """The pieces, by name."""
+        return {
+            piece.name: Cloud(
+                **self._sums[number], position=self._seen[number][..., :3], velocity=self._seen[number][..., 3:6],
+                stretch=self._seen[number][..., 6], present=self._present[number],
+                bulk=medium.solver.bodies[i].volume,
+            )
+            for number, (medium, i, piece) in enumerate(self._pieces)
+        }  # fmt: skip
+
+    def pushed(self) -> dict[str, Array]:
+        """What was given to what the matter meets (samples, 6), by name."""
+        return self._pushed
 
 
 def repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int) -> Callable[..., Run]:

@@ -1,0 +1,288 @@
+"""The matter of a scene beside its bodies: from a `Continuum` to particles on a grid, both ways coupled, and its sums.
+
+Within a step of the bodies, of a length h, the matter takes its own steps. The bodies that it meets move through them
+as they did at the step's begin, changed by what the matter gives them (`collide`); and all that it gave them in h acts
+on them in the same step as a constant force. So both sides begin from one state, and what one loses the other gains:
+the matter's momentum lost is Σ F h exactly.
+
+Defect: what else accelerates a body within h (gravity, contact) is not seen by the matter before the next step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from physinone_mj.base import Refusal
+from physinone_mj.continuum import Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Plasticine, Viscoplastic
+from physinone_mj.scene import IMMATERIAL
+
+from . import sample
+from ._ti import start
+from .collide import Bearer, Obstacle
+from .materials import energy, stretch
+from .transfer import Body, Solver, longest_step
+
+Array = NDArray[np.float64]
+
+PER_CELL: Final = 8
+"""Particles of a cell of matter at rest."""
+_MESH_CELLS: Final = 0.5
+"""Spacing of a mesh's field of distances [cell]."""
+_MOST_UPDATES: Final = 2e11
+"""Particles times steps that a scene may take."""
+_DEEPEST: Final = 0.25
+"""How deep a particle may lie in a body at the start [cell]."""
+_SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
+"""Largest ρ g H/M of a piece at rest, M Young's modulus or 7 κ: beyond it its own weight squashes it (rule R9)."""
+
+_PRIMITIVES: Final = {
+    mujoco.mjtGeom.mjGEOM_PLANE: ("plane", 0), mujoco.mjtGeom.mjGEOM_SPHERE: ("ball", 1),
+    mujoco.mjtGeom.mjGEOM_CAPSULE: ("capsule", 2), mujoco.mjtGeom.mjGEOM_ELLIPSOID: ("ellipsoid", 3),
+    mujoco.mjtGeom.mjGEOM_CYLINDER: ("cylinder", 2), mujoco.mjtGeom.mjGEOM_BOX: ("box", 3),
+}  # fmt: skip
+"""Shape, and how many of MuJoCo's sizes it has."""
+
+
+@dataclass
+class _Carried:
+    """A bearer, the body whose it is, and the geoms that its obstacles are."""
+
+    bearer: Bearer
+    body: int
+    geoms: list[int]
+
+
+@dataclass
+class _Pouring:
+    """An inlet's particles still to come, in the order of their times; they stream in as a rigid jet."""
+
+    piece: int
+    times: Array
+    points: Array
+    velocity: Array
+    done: int = 0
+
+    def due(self, time: float) -> Array:
+        """Those that have come through by a time, where they then are."""
+        upto = int(np.searchsorted(self.times, time, side="right"))
+        new = slice(self.done, upto)
+        self.done = upto
+        return np.asarray(self.points[new] + (time - self.times[new])[:, None] * self.velocity)
+
+
+class Medium:
+    """One scene's matter. Taichi is started, if it does not run yet.
+
+    Args:
+        continuum: what there is.
+        model, data: MuJoCo's, at the start.
+        cell: side of a cell [m].
+        gravity: downwards [m/s²], unless the continuum has its own.
+        duration: how long it will be watched [s].
+        driven: degrees of freedom that a motor moves whatever stands in their way.
+        seed: of where the particles are.
+        double: in double precision.
+
+    Raises:
+        Refusal: what cannot be computed faithfully at this cell: R1 matter within a body, R7 too thin, R9 squashed by
+            its own weight, R10 too much work.
+        KeyError: no such body or geom.
+        ValueError: no piece, two of one name, pieces that overlap.
+    """
+
+    def __init__(
+        self, continuum: Continuum, model: Any, data: Any, *, cell: float, gravity: float, duration: float,
+        driven: ArrayLike = (), seed: int = 0, double: bool = False,
+    ) -> None:  # fmt: skip
+        names = [piece.name for piece in continuum.pieces]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f"pieces {names} of a continuum; allowed: at least one, each of its own name")
+        self.cell, self.continuum, self._model = cell, continuum, model
+        self._gravity = np.array((0, 0, -gravity) if continuum.gravity is None else continuum.gravity, float)
+        self._driven = np.asarray(driven, int)
+        self._carried = [_carried(model, meeting, cell) for meeting in continuum.meetings]
+        self.bearers = [carried.bearer for carried in self._carried]
+        walls = [Bearer([Obstacle.wall(wall)]) for wall in continuum.walls]
+        filled = [
+            sample.fill(piece, cell, PER_CELL, np.random.default_rng([seed, number]))
+            for number, piece in enumerate(continuum.pieces)
+        ]
+        sample.overlapping({name: points for name, (points, _, _) in zip(names, filled, strict=True)}, cell)
+        bodies = [
+            Body(piece.material, points, volume, velocity)
+            for piece, (points, velocity, volume) in zip(continuum.pieces, filled, strict=True)
+        ]
+        start(double)
+        self._place(data)
+        for name, body in zip(names, bodies, strict=True):
+            for what, bearer in [*((m.with_, b) for m, b in zip(continuum.meetings, self.bearers, strict=True)),
+                                 *(("a wall", wall) for wall in walls)]:  # fmt: skip
+                deepest = min(float(obstacle.depth(body.points).min()) for obstacle in bearer.obstacles)
+                if deepest < -_DEEPEST * cell:
+                    raise Refusal("R1", f"{name!r} lies {-deepest:.3g} m deep in {what} at the start; allowed: "
+                                  f"{_DEEPEST * cell:.1g} m")  # fmt: skip
+        self._pourings = [
+            _pouring(inlet, names, bodies, duration, np.random.default_rng([seed, len(names) + number]))
+            for number, inlet in enumerate(continuum.inlets)
+        ]
+        most = [len(b.points) + sum(len(p.times) for p in self._pourings if p.piece == i) for i, b in enumerate(bodies)]
+        _refuse(names, bodies, most, self._gravity, cell, duration)
+        self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=[*self.bearers, *walls],
+                             period=continuum.period, double=double)  # fmt: skip
+        self.most, self.forces = most, np.zeros((model.nbody, 6))
+
+    def _place(self, data: Any) -> None:
+        """Put the obstacles where their bodies are."""
+        model = self._model
+        mass = np.zeros((model.nv, model.nv))
+        if model.nv:
+            mujoco.mj_fullM(model, data, mass)
+        free = np.setdiff1d(np.arange(model.nv), self._driven)
+        for carried in self._carried:
+            bearer, body = carried.bearer, carried.body
+            bearer.pivot = data.xipos[body].copy()
+            for obstacle, geom in zip(bearer.obstacles, carried.geoms, strict=True):
+                obstacle.centre, obstacle.turn = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3).copy()
+            if model.body_weldid[body] == 0:
+                continue
+            along = np.zeros((6, model.nv))
+            mujoco.mj_jacBodyCom(model, data, along[:3], along[3:], body)
+            bearer.velocity, bearer.spin = along[:3] @ data.qvel, along[3:] @ data.qvel
+            part = along[:, free]
+            bearer.yields = part @ np.linalg.solve(mass[np.ix_(free, free)], part.T) if part.any() else None
+
+    def advance(self, data: Any, h: float) -> None:
+        """Take the matter from the data's time to h [s] later; `forces` is what the bodies feel meanwhile.
+
+        ArithmeticError if it breaks.
+        """
+        self._place(data)
+        before = [(bearer.impulse, bearer.twist) for bearer in self.bearers]
+        ramp = self.continuum.ramp
+        grown = math.sin(min(1.0, (data.time + h / 2) / ramp) * math.pi / 2) ** 2 if ramp else 1.0
+        self.solver.gravity = grown * self._gravity
+        self.solver.advance(h)
+        for pouring in self._pourings:
+            new = pouring.due(data.time + h)
+            if len(new):
+                self.solver.add(pouring.piece, new, pouring.velocity)
+        self.forces[:] = 0
+        for carried, (impulse, twist) in zip(self._carried, before, strict=True):
+            force, moment = (carried.bearer.impulse - impulse) / h, (carried.bearer.twist - twist) / h
+            self.forces[carried.body, :3] += force
+            self.forces[carried.body, 3:] += moment - np.cross(data.xipos[carried.body], force)
+
+    def push(self, data: Any) -> None:
+        """The force of the last `advance` on the bodies."""
+        data.xfrc_applied += self.forces
+
+    def pushed(self) -> dict[str, Array]:
+        """By meeting, the impulse and its moment about the world's origin given so far (6,) [N s, N m s].
+
+        Until now, as velocities are: the half of a step that the solver is behind is taken to be as the last one.
+        """
+        return {
+            meeting.with_: np.concatenate([bearer.impulse, bearer.twist]) + bearer.latest / 2
+            for meeting, bearer in zip(self.continuum.meetings, self.bearers, strict=True)
+        }
+
+    def sums(self) -> list[dict[str, Any]]:
+        """Of each piece what `run.Cloud` has of every sample, by its names."""
+        out = []
+        for number, body in enumerate(self.solver.bodies):
+            x, v, s = (read(number) for read in (self.solver.positions, self.solver.velocities, self.solver.states))
+            m = body.volume * body.material.density
+            out.append({
+                "mass": m * len(x), "centre": x.mean(axis=0), "momentum": m * v.sum(axis=0),
+                "turning": m * np.cross(x, v).sum(axis=0), "kinetic": 0.5 * m * (v**2).sum(),
+                "elastic": body.volume * energy(body.material, s).sum(),
+                "volume": body.volume * stretch(body.material, s).sum(), "low": x.min(axis=0), "high": x.max(axis=0),
+            })  # fmt: skip
+        return out
+
+    def particles(self) -> list[tuple[Array, Array, Array]]:
+        """Of each piece: positions (n, 3), velocities (n, 3), J (n,)."""
+        return [
+            (self.solver.positions(n), self.solver.velocities(n), stretch(piece.material, self.solver.states(n)))
+            for n, piece in enumerate(self.continuum.pieces)
+        ]
+
+
+def _carried(model: Any, meeting: Meeting, cell: float) -> _Carried:
+    """The bearer of a meeting's body or geom; KeyError if there is none, Refusal if it has no shape to meet."""
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, meeting.with_)
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, meeting.with_)
+    if body >= 0:
+        first = model.body_geomadr[body]
+        geoms = [g for g in range(first, first + model.body_geomnum[body]) if model.geom_group[g] < IMMATERIAL]
+    elif geom >= 0:
+        body, geoms = int(model.geom_bodyid[geom]), [geom]
+    else:
+        raise KeyError(f"no body or geom {meeting.with_!r} in the scene")
+    return _Carried(Bearer([_obstacle(model, g, meeting, cell) for g in geoms]), body, geoms)
+
+
+def _obstacle(model: Any, geom: int, meeting: Meeting, cell: float) -> Obstacle:
+    kind = mujoco.mjtGeom(model.geom_type[geom])
+    if kind in _PRIMITIVES:
+        shape, sizes = _PRIMITIVES[kind]
+        return Obstacle(shape, tuple(model.geom_size[geom][:sizes].tolist()), meeting.grip, meeting.friction)
+    if kind != mujoco.mjtGeom.mjGEOM_MESH:
+        raise Refusal("R7", f"{model.geom(geom).name}: matter cannot meet a geom of type {kind.name}; allowed: plane, "
+                      f"sphere, capsule, ellipsoid, cylinder, box, mesh")  # fmt: skip
+    mesh = model.geom_dataid[geom]
+    points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+    values, corner, spacing = sample.signed_distance_grid(
+        trimesh.Trimesh(points.astype(float), faces, process=True), _MESH_CELLS * cell
+    )
+    return Obstacle("mesh", (), meeting.grip, meeting.friction, values=values, corner=tuple(corner), spacing=spacing)
+
+
+def _pouring(
+    inlet: Inlet, names: Sequence[str], bodies: Sequence[Body], duration: float, rng: np.random.Generator
+) -> _Pouring:
+    """The jet of an inlet: a cylinder of matter, cut by the times at which its particles come through."""
+    if inlet.piece not in names:
+        raise ValueError(f"piece = {inlet.piece!r} of an inlet; allowed: {', '.join(names)}")
+    number, velocity = names.index(inlet.piece), np.array(inlet.velocity, float)
+    speed, volume = float(np.linalg.norm(velocity)), bodies[names.index(inlet.piece)].volume
+    lasts = min(inlet.stop, duration) - inlet.start
+    count = round(math.pi * inlet.radius**2 * speed * max(lasts, 0.0) / volume)
+    # the additive recurrence of the plastic number's powers fills a unit cube evenly (M. Roberts, 2018)
+    phi = 1.2207440846057596
+    u = (rng.random(3) + np.arange(1, count + 1)[:, None] * phi ** -np.arange(1.0, 4.0)) % 1.0
+    along = velocity / speed
+    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    side /= np.linalg.norm(side)
+    r, angle = inlet.radius * np.sqrt(u[:, :1]), 2 * math.pi * u[:, 1:2]
+    points = inlet.position + r * (np.cos(angle) * side + np.sin(angle) * np.cross(along, side))
+    order = np.argsort(u[:, 2], kind="stable")
+    return _Pouring(number, inlet.start + lasts * u[order, 2], points[order], velocity)
+
+
+def _refuse(
+    names: Sequence[str], bodies: Sequence[Body], most: Sequence[int], gravity: Array, cell: float, duration: float
+) -> None:
+    g = float(np.linalg.norm(gravity))
+    for name, body in zip(names, bodies, strict=True):
+        material = body.material
+        heights = body.points @ gravity / g if g else np.zeros(1)
+        modulus = getattr(material, "young", material.stiffness())
+        squashed = material.density * g * float(np.ptp(heights)) / modulus
+        limit = _SQUASHED[type(material)]
+        if squashed > limit:
+            raise Refusal("R9", f"{name!r}: its own weight squashes it by {squashed:.3g}; allowed: {limit:g}, a "
+                          f"modulus {squashed / limit:.3g} times as high")  # fmt: skip
+    work = sum(most) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
+    if work > _MOST_UPDATES:
+        raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m; allowed: {_MOST_UPDATES:.0e}, "
+                      f"cells {(work / _MOST_UPDATES) ** 0.25:.3g} times as large")  # fmt: skip
