@@ -191,7 +191,9 @@ def run(
     sample: Annotated[bool, typer.Option("--sample", help="Draw what is not set at random, by the seed.")] = False,
     seed: Annotated[int, typer.Option(help="Cameras, and what --sample draws.")] = 0,
     fidelity: FidelityName = "standard",
-    views: Annotated[int, typer.Option(help="Static cameras; a moving one comes on top.")] = 12,
+    views: Annotated[
+        int | None, typer.Option(help="Static cameras (12; of deforming matter 15); a moving one comes on top.")
+    ] = None,
     size: Annotated[int, typer.Option(help="Pixels per side.")] = 1120,
     modalities: Annotated[str, typer.Option(help="Some of rgb,depth,seg.")] = "rgb,depth,seg",
     renderer: Annotated[
@@ -199,6 +201,9 @@ def run(
     ] = "raster",
     samples: Annotated[int | None, typer.Option(help="With photoreal: paths per pixel; 16 if not given.")] = None,
     render: Annotated[bool, typer.Option("--render/--no-render", help="Whether to draw pictures.")] = True,
+    particles: Annotated[
+        bool, typer.Option("--particles/--no-particles", help="Whether to keep a continuum's particles.")
+    ] = True,
     force: Annotated[bool, typer.Option("--force", help="Replace a scene that exists.")] = False,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where scenes go.")] = Path("out"),
     as_json: Json = False,
@@ -217,7 +222,8 @@ def run(
         cls = phenomenon(entry.index)
         values = settings(assignments or (), cls)
         with as_typed():
-            job = Job(entry.index, values, preset, seed, views, size, wanted, render, traced)
+            seen = cls.views if views is None else views
+            job = Job(entry.index, values, preset, seed, seen, size, wanted, render, traced, particles)
         if sample:
             drawn = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
             job = dataclasses.replace(job, parameters=drawn)

@@ -220,9 +220,11 @@ class Phenomenon(ABC):
     """One of the 71: subclass it in `phenomena/pNN_name.py` and it is listed, run, tested and documented.
 
     The label is the class name, the index comes from the file name, the title is the docstring's first line.
+    views: how many static cameras watch it, unless told otherwise (15 where matter deforms, as in the release)
     """
 
     domain: ClassVar[str]
+    views: ClassVar[int] = 12
     label: ClassVar[str]
     index: ClassVar[int]
     title: ClassVar[str]

@@ -31,7 +31,7 @@ from . import annotate, optics
 from .base import Phenomenon, Refusal, Verdict
 from .fidelity import Fidelity
 from .registry import phenomenon
-from .run import Break, Impact, Run
+from .run import Break, Cloud, Impact, Run
 from .scene import Mirror
 from .simulate import Compiled, build, compile, repeater, simulate_specimen
 
@@ -60,7 +60,8 @@ class Job:
     """One scene to be made. parameters: only those that are set, the others have their nominal values.
 
     views: static cameras (the moving one comes on top); size: pixels per side; photoreal: paths of light per pixel of
-    the colour pictures, 0 for the rasteriser's. ValueError if out of range.
+    the colour pictures, 0 for the rasteriser's; particles: whether those of a continuum are kept, frame by frame.
+    ValueError if out of range.
     """
 
     index: int
@@ -72,6 +73,7 @@ class Job:
     modalities: tuple[str, ...] = MODALITIES
     render: bool = True
     photoreal: int = 0
+    particles: bool = True
 
     def __post_init__(self) -> None:
         ranges = (("views", 1, 64), ("size", 16, 4096), ("seed", 0, 2**63 - 1), ("photoreal", 0, 65536))
@@ -96,7 +98,7 @@ class Job:
             "index": self.index, "parameters": self.specimen.values(), "fidelity": asdict(self.fidelity),
             "seed": self.seed, "views": self.views, "size": self.size, "modalities": sorted(self.modalities),
             "render": self.render, "photoreal": self.photoreal,
-        }  # fmt: skip
+        } | ({} if self.particles else {"particles": False})  # fmt: skip
         number = int.from_bytes(hashlib.sha256(json.dumps(told, sort_keys=True).encode()).digest()[:8])
         letters = ""
         for _ in range(6):
@@ -225,7 +227,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
     verdicts = run.check()
     _json(folder / "laws.json", [v.record() for v in verdicts])
     fps = run.scene.fps
-    write_physics(run, folder / "physics.h5")
+    write_physics(run, folder / "physics.h5", particles=job.particles)
     _json(folder / "properties.json", annotate.properties(run))
     _json(folder / f"{job.folder}.json", annotate.motion(run, fps))
     (folder / "caption.txt").write_text(job.specimen.caption(run) + "\n", encoding="utf-8")
@@ -251,6 +253,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
             "index": job.index, "label": job.specimen.label, "parameters": job.specimen.values(),
             "fidelity": asdict(job.fidelity), "seed": job.seed, "views": job.views, "size": job.size,
             "modalities": list(job.modalities), "render": job.render, "photoreal": job.photoreal,
+            "particles": job.particles,
         },
         "state_sha256": state_digest(run),
         "versions": _versions(),
@@ -337,11 +340,30 @@ def viewable(run: Run) -> str:
 
 
 def state_digest(run: Run) -> str:
-    """SHA-256 of the recorded state: times, positions and velocities, as little-endian doubles."""
+    """SHA-256 of the recorded state: times, positions and velocities, sums of continua, as little-endian doubles.
+
+    The sums of millions of particles do not come out the same if one of them went another way.
+    """
     digest = hashlib.sha256()
-    for array in (run.t, run.qpos, run.qvel):
+    sums = [getattr(cloud, name) for cloud in run.clouds.values() for name in _SUMS]
+    for array in (run.t, run.qpos, run.qvel, *sums, *run.pushed.values()):
         digest.update(np.ascontiguousarray(array, "<f8").tobytes())
     return digest.hexdigest()
+
+
+_SUMS: Final = {
+    "mass": ("kg", ""), "centre": ("m", "of mass"), "momentum": ("kg m/s", ""),
+    "turning": ("kg m2/s", "angular momentum about the world's origin"), "kinetic": ("J", ""), "elastic": ("J", ""),
+    "volume": ("m3", ""), "low": ("m", "lowest corner of the box around it"), "high": ("m", "highest"),
+}  # fmt: skip
+"""What a piece of a continuum has at every sample."""
+
+_PARTICLES: Final = {
+    "position": ("m", "of particles, by frame; NaN before they are there"), "velocity": ("m/s", ""),
+    "stretch": ("1", "volume by volume at rest, J"), "present": ("1", "how many are there, by frame"),
+    "bulk": ("m3", "volume of a particle at rest"),
+}  # fmt: skip
+"""What its particles have at every frame."""
 
 
 def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
@@ -356,6 +378,11 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
         yield f"bodies/{name}/quaternion", run.quaternion(body), "1", "body to world, w first"
         yield f"bodies/{name}/linear_velocity", run.velocity(body), "m/s", "of the centre of mass, world axes"
         yield f"bodies/{name}/angular_velocity", run.spin(body), "rad/s", "world axes"
+    for name, cloud in run.clouds.items():
+        for key, (unit, about) in (_SUMS | _PARTICLES).items():
+            yield f"continua/{name}/{key}", getattr(cloud, key), unit, about
+    for number, (name, given) in enumerate(run.pushed.items()):
+        yield f"pushed/{number}", given, "N s, N m s", f"impulse and its moment that matter gave to {name} so far"
     yield "energy/kinetic", run.motion.kinetic, "J", ""
     yield "energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects"
     for name, seen in run.specimen.observables().items():
@@ -381,15 +408,26 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
     yield "warnings", np.zeros(len(kinds), np.int64), "1", "counts of " + ", ".join(kinds)
 
 
-def write_physics(run: Run, path: Path) -> None:
-    """`physics.h5`: every recorded quantity, SI, each dataset with its `unit`. The same run gives the same bytes."""
+def write_physics(run: Run, path: Path, *, particles: bool = True) -> None:
+    """`physics.h5`: every recorded quantity, SI, each dataset with its `unit`. The same run gives the same bytes.
+
+    particles: also those of continua, frame by frame, each frame a chunk of its own
+    """
     # in memory first: when a write fails, as on a full disk, HDF5 ends the process by a segmentation fault
     with h5py.File(path.name, "w", libver="latest", driver="core", backing_store=False) as file:
         file.attrs["label"] = run.specimen.label
         file.attrs["samples_per_frame"] = run.stride
+        if run.clouds:
+            file.attrs["cell"] = run.cell
         for name, values, unit, about in _recorded(run):
             data = np.asarray(values)
-            packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if data.size > 64 else {}
+            packed: dict[str, Any] = {}
+            if data.size > 64:
+                packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+            if name.startswith("continua/") and name.rpartition("/")[2] in _PARTICLES:
+                if not particles:
+                    continue
+                packed["chunks"] = (1, *data.shape[1:])
             entry = file.create_dataset(name, data=data, track_times=False, **packed)
             entry.attrs["unit"] = unit
             if about:
@@ -421,7 +459,7 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
                 there = file[name].shape
                 if len(there) != len(shape) or any(n not in (None, m) for n, m in zip(shape, there, strict=True)):
                     raise NotAScene(f"{path}: {name} of shape {there}; expected: {shape}")
-                return file[name][:]
+                return file[name][...]
 
             t = np.asarray(get("time", samples), float)
             qpos = np.asarray(get("state/qpos", samples, model.nq), float)
@@ -430,6 +468,13 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
             hits = len(c["time"])
             c |= {key: get(f"contacts/{key}", hits) for key in ("first", "second", "approach")}
             c |= {key: get(f"contacts/{key}", hits, 3) for key in ("position", "normal", "impulse")}
+            frames = len(range(0, samples, compiled.stride))
+            clouds = {
+                piece.name: _read_cloud(get, piece.name, samples, frames if job.particles else 0)
+                for continuum in compiled.scene.continua for piece in continuum.pieces
+            }  # fmt: skip
+            met = [meeting.with_ for continuum in compiled.scene.continua for meeting in continuum.meetings]
+            pushed = {name: np.asarray(get(f"pushed/{i}", samples, 6), float) for i, name in enumerate(met)}
             times = get("breaks/time", None)
             welds, loads = (get(f"breaks/{key}", len(times)) for key in ("weld", "load"))
         impacts = tuple(
@@ -451,14 +496,35 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
     return Run(
         specimen=job.specimen, fidelity=job.fidelity, seed=job.seed, scene=compiled.scene, model=model, t=t,
         qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0,
-        again_with=repeater(job.specimen, job.fidelity, job.seed), breaks=breaks,
+        again_with=repeater(job.specimen, job.fidelity, job.seed), breaks=breaks, cell=compiled.cell, clouds=clouds,
+        pushed=pushed,
     )  # fmt: skip
+
+
+def _read_cloud(get: Callable[..., Any], name: str, samples: int, frames: int) -> Cloud:
+    """A piece of a continuum as it was recorded; without particles if its frames are none."""
+
+    def read(key: str, *shape: int | None) -> Any:
+        return get(f"continua/{name}/{key}", *shape)
+
+    sums = {key: read(key, samples) for key in ("mass", "kinetic", "elastic", "volume")}
+    sums |= {key: read(key, samples, 3) for key in ("centre", "momentum", "turning", "low", "high")}
+    if not frames:
+        nothing = np.zeros((0, 0, 3), np.float32)
+        return Cloud(**sums, position=nothing, velocity=nothing, stretch=nothing[..., 0],
+                     present=np.zeros(0, np.int64), bulk=float("nan"))  # fmt: skip
+    position = read("position", frames, None, 3)
+    count = position.shape[1]
+    return Cloud(**sums, position=position, velocity=read("velocity", frames, count, 3),
+                 stretch=read("stretch", frames, count), present=read("present", frames),
+                 bulk=float(read("bulk")))  # fmt: skip
 
 
 def verify(folder: Path) -> Report:
     """Checksums, layout, whether everything follows from the recorded state, and the laws judged anew from it.
 
-    NotAScene if it is no scene at all. No file outside the folder is opened.
+    Laws are not judged, nor observables derived, of a continuum whose particles were not kept. NotAScene if it is no
+    scene at all. No file outside the folder is opened.
     """
     folder = Path(folder)
     report = Report(folder)
@@ -484,8 +550,10 @@ def verify(folder: Path) -> Report:
     if state_digest(run) != provenance.get("state_sha256"):
         report.problems.append("physics.h5: the recorded state is not the one that provenance.json names")
     try:
-        report.problems += _consistent(run, folder / "physics.h5")
-        report.verdicts = run.check()
+        report.problems += _consistent(run, folder / "physics.h5", particles=job.particles)
+        if job.particles:
+            report.problems += _moved_matter(run)
+            report.verdicts = run.check()
         report.problems += _annotated(run, folder, motion, report.verdicts)
     except Exception as why:
         if not report.problems:
@@ -494,12 +562,27 @@ def verify(folder: Path) -> Report:
     return report
 
 
-def _consistent(run: Run, path: Path) -> list[str]:
+def _moved_matter(run: Run) -> list[str]:
+    """The sums of continua against their particles, at every frame."""
+    wrong = []
+    for name, cloud in run.clouds.items():
+        here = slice(None, None, run.stride)
+        x = np.nanmean(cloud.position, axis=1, dtype=float)
+        v = cloud.mass[here, None] * np.nanmean(cloud.velocity, axis=1, dtype=float)
+        for key, told, found in (("centre", cloud.centre[here], x), ("momentum", cloud.momentum[here], v)):
+            if not np.allclose(told, found, rtol=1e-5, atol=1e-5 * max(1e-3, float(np.abs(told).max()))):
+                wrong.append(f"physics.h5: continua/{name}/{key} is not that of its particles")
+    return wrong
+
+
+def _consistent(run: Run, path: Path, *, particles: bool) -> list[str]:
     """Everything recorded against the recorded state: whoever edits one has to edit both."""
     wrong = []
     try:
         with h5py.File(path, "r") as file:
             for name, values, unit, _ in _recorded(run):
+                if not particles and (name.rpartition("/")[2] in _PARTICLES or name.startswith("observables/")):
+                    continue
                 if name not in file:
                     wrong += [] if name.startswith("observables/") else [f"physics.h5: {name} is missing"]
                 elif not _same(file[name], np.asarray(values)):
@@ -623,7 +706,9 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], Job]:
     if form != FORMAT:
         raise NotAScene(f"{path}: format = {form!r:.40}; allowed: {FORMAT}")
     told = found.get("job")
-    keys = {"index", "parameters", "fidelity", "seed", "views", "size", "modalities", "render", "photoreal"}
+    keys = {
+        "index", "parameters", "fidelity", "seed", "views", "size", "modalities", "render", "photoreal", "particles",
+    }  # fmt: skip
     if not isinstance(told, dict) or not keys <= set(told) or not isinstance(found.get("files"), dict):
         raise NotAScene(f"{path}: incomplete; expected a job with {', '.join(sorted(keys))} and files")
     try:
