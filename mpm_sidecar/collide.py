@@ -215,10 +215,13 @@ def _kernel(shape: str, grip: Grip, weighs: bool, real: Any) -> Any:
     """What a shape does to the nodes in it, or would if it weighs them alone, at a precision; the sums by block."""
     distance, answer = _DISTANCES[shape](real), _ANSWERS[grip](real)
     exact = shape != "ellipsoid"
-    node, place = ti.types.vector(4, real), ti.types.vector(3, real)
+    node = ti.types.vector(4, real)
     whole, nodes = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=node, ndim=1)
-    turning, numbers = ti.types.matrix(3, 3, real), ti.types.ndarray(dtype=real, ndim=1)
-    three, sums = ti.types.vector(3, ti.i32), ti.types.ndarray(dtype=real, ndim=2)
+    numbers, sums = ti.types.ndarray(dtype=real, ndim=1), ti.types.ndarray(dtype=real, ndim=2)
+
+    @ti.func
+    def three(given: ti.template(), i):
+        return ti.Vector([given[i], given[i + 1], given[i + 2]])
 
     @ti.func
     def weight(m, r):
@@ -234,12 +237,15 @@ def _kernel(shape: str, grip: Grip, weighs: bool, real: Any) -> Any:
         return out
 
     @ti.kernel
-    def meet(
-        grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, origin: place, dx: real, centre: place,
-        turn: turning, size: place, reach: real, pivot: place, velocity: place, spin: place, friction: real,
-        field: numbers, counts: three, corner: place, spacing: real, given: sums,
-    ):  # fmt: skip
-        for a in range(count):
+    def meet(grid: nodes, blocks: whole, given: numbers, field: numbers, out: sums):
+        for a in range(out.shape[0]):
+            # one array instead of a dozen arguments: each costs more to hand over than its numbers to read
+            origin, centre, size, pivot = three(given, 0), three(given, 3), three(given, 6), three(given, 9)
+            velocity, spin, corner = three(given, 12), three(given, 15), three(given, 18)
+            turn = ti.Matrix.rows([three(given, 21), three(given, 24), three(given, 27)])
+            counts, dx, reach = ti.cast(three(given, 30), ti.i32), given[33], given[34]
+            friction, spacing = given[35], given[36]
+            ny, nz = ti.cast(given[37], ti.i32), ti.cast(given[38], ti.i32)
             x, y, z = begin(blocks[a], ny, nz)
             push, moment = ti.Vector.zero(real, 3), ti.Vector.zero(real, 3)
             mass = ti.Matrix.zero(real, 6, 6 if ti.static(weighs) else 1)
@@ -268,12 +274,12 @@ def _kernel(shape: str, grip: Grip, weighs: bool, real: Any) -> Any:
                                     else:
                                         grid[here] = ti.Vector([after[0], after[1], after[2], g[3]])
             for s in ti.static(range(3)):
-                given[a, s] = push[s]
-                given[a, 3 + s] = moment[s]
+                out[a, s] = push[s]
+                out[a, 3 + s] = moment[s]
             if ti.static(weighs):
                 for s in ti.static(range(6)):
                     for t in ti.static(range(6)):
-                        given[a, 6 + 6 * s + t] = mass[s, t]
+                        out[a, 6 + 6 * s + t] = mass[s, t]
 
     return meet
 
@@ -328,17 +334,19 @@ class Obstacle:
 
     def depth(self, points: Array) -> Array:
         """Signed distance of places (n, 3) [m] from its surface, below 0 inside (n,) [m]; in double precision."""
-        out = np.empty(len(points))
+        out, (field, counts) = np.empty(len(points)), self.field(np.float64)
         _probe(self.shape)(
             np.ascontiguousarray((points - self.centre) @ self.turn),
-            ti.Vector((*self.size, 0.0, 0.0, 0.0)[:3], ti.f64), *self._field(np.float64), out,
+            ti.Vector((*self.size, 0.0, 0.0, 0.0)[:3], ti.f64), field, ti.Vector(counts, ti.i32),
+            ti.Vector(self.corner, ti.f64), self.spacing, out,
         )  # fmt: skip
         return out
 
-    def _field(self, dtype: Any) -> tuple[Any, Any, Any, float]:
-        real = ti.f32 if dtype == np.float32 else ti.f64
-        values = np.zeros((1, 1, 1)) if self.values is None else self.values
-        return values.astype(dtype).ravel(), ti.Vector(values.shape, ti.i32), ti.Vector(self.corner, real), self.spacing
+    def field(self, dtype: Any) -> tuple[NDArray[Any], tuple[int, ...]]:
+        """Its distances in a row and how many there are along each axis; one, of nothing, if it is no mesh."""
+        if self.values is None:
+            return np.zeros(1, dtype), (1, 1, 1)
+        return self.values.astype(dtype, copy=False).ravel(), self.values.shape
 
     @property
     def reach(self) -> float:
@@ -420,17 +428,15 @@ class Bearer:
         self, grid: Any, blocks: Any, shape: Any, origin: Any, dx: float, real: Any, velocity: Array, spin: Array, *,
         weighs: bool,
     ) -> Array:  # fmt: skip
-        def vector(values: Any) -> Any:
-            return ti.Vector([float(value) for value in values], real)
-
         total = np.zeros(42 if weighs else 6)
-        given = np.zeros((len(blocks), 42 if weighs else 6), grid.dtype)
+        out = np.zeros((len(blocks), len(total)), grid.dtype)
         for obstacle in self.obstacles:
-            size = (*obstacle.size, 0.0, 0.0, 0.0)[:3]
-            _kernel(obstacle.shape, obstacle.grip, weighs, real)(
-                grid, blocks, len(blocks), int(shape[1]), int(shape[2]), vector(origin), dx, vector(obstacle.centre),
-                ti.Matrix(obstacle.turn.tolist(), real), vector(size), obstacle.reach, vector(self.pivot),
-                vector(velocity), vector(spin), obstacle.friction, *obstacle._field(grid.dtype), given,
-            )  # fmt: skip
-            total += given.sum(axis=0, dtype=float)
+            field, counts = obstacle.field(grid.dtype)
+            given = np.concatenate([
+                origin, obstacle.centre, (*obstacle.size, 0.0, 0.0, 0.0)[:3], self.pivot, velocity, spin,
+                obstacle.corner, obstacle.turn.ravel(), counts,
+                (dx, obstacle.reach, obstacle.friction, obstacle.spacing, shape[1], shape[2]),
+            ]).astype(grid.dtype)  # fmt: skip
+            _kernel(obstacle.shape, obstacle.grip, weighs, real)(grid, blocks, given, field, out)
+            total += out.sum(axis=0, dtype=float)
         return total

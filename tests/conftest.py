@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 import re
 import signal
 from collections.abc import Callable
@@ -23,6 +24,8 @@ def pytest_configure() -> None:
     """A shell starts what runs in the background deaf to signals, and a child inherits that: tests send some."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    # as many processes as cores run already: Taichi's threads would wait for one another's turns
+    os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
 
 
 @pytest.hookimpl(optionalhook=True)
