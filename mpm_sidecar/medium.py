@@ -24,7 +24,7 @@ from physinone_mj.base import Refusal
 from physinone_mj.continuum import Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Plasticine, Viscoplastic
 from physinone_mj.scene import IMMATERIAL
 
-from . import sample
+from . import meshes, sample
 from ._ti import start
 from .collide import Bearer, Obstacle
 from .materials import energy, stretch
@@ -36,8 +36,10 @@ PER_CELL: Final = 8
 """Particles of a cell of matter at rest."""
 _MESH_CELLS: Final = 0.5
 """Spacing of a mesh's field of distances [cell]."""
-_MOST_UPDATES: Final = 2e11
+_MOST_UPDATES: Final = 2e10
 """Particles times steps that a scene may take."""
+_LEAST_COST: Final = 1e4
+"""What a step costs before it moves anything [particles]."""
 _DEEPEST: Final = 0.25
 """How deep a particle may lie in a body at the start [cell]."""
 _SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
@@ -241,10 +243,10 @@ def _obstacle(model: Any, geom: int, meeting: Meeting, cell: float) -> Obstacle:
     mesh = model.geom_dataid[geom]
     points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-    values, corner, spacing = sample.signed_distance_grid(
-        trimesh.Trimesh(points.astype(float), faces, process=True), _MESH_CELLS * cell
-    )
-    return Obstacle("mesh", (), meeting.grip, meeting.friction, values=values, corner=tuple(corner), spacing=spacing)
+    solid = trimesh.Trimesh(points.astype(float), faces, process=True)
+    found = meshes.signed_distance_grid(solid, _MESH_CELLS * cell, name=model.mesh(mesh).name)
+    return Obstacle("mesh", (), meeting.grip, meeting.friction, values=found.values,
+                    corner=tuple(found.origin.tolist()), spacing=found.spacing)  # fmt: skip
 
 
 def _pouring(
@@ -282,7 +284,7 @@ def _refuse(
         if squashed > limit:
             raise Refusal("R9", f"{name!r}: its own weight squashes it by {squashed:.3g}; allowed: {limit:g}, a "
                           f"modulus {squashed / limit:.3g} times as high")  # fmt: skip
-    work = sum(most) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
+    work = (sum(most) + _LEAST_COST) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
     if work > _MOST_UPDATES:
         raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m; allowed: {_MOST_UPDATES:.0e}, "
                       f"cells {(work / _MOST_UPDATES) ** 0.25:.3g} times as large")  # fmt: skip

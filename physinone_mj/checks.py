@@ -55,7 +55,7 @@ def judge_all(tasks: Sequence[Task], names: Sequence[str]) -> Iterator[Judgement
             return
         workers = min(len(tasks), len(os.sched_getaffinity(0)))
         context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+        pool = ProcessPoolExecutor(workers, context, _begin, (max(1, len(os.sched_getaffinity(0)) // workers),))
         try:
             for n, (name, result) in enumerate(zip(names, pool.map(judge, tasks), strict=True), start=1):
                 progress(name, n / len(tasks))
@@ -69,6 +69,12 @@ def judge_all(tasks: Sequence[Task], names: Sequence[str]) -> Iterator[Judgement
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _begin(threads: int) -> None:
+    """A process of the pool: Ctrl-C is its parent's, and Taichi has its share of the cores."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", str(threads))
 
 
 def report(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) -> str:

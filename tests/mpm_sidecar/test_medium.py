@@ -1,0 +1,231 @@
+"""Matter and bodies in one scene: what one side loses the other gains, and a lump on a seesaw tips it by its moment."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from physinone_mj.base import Param, Phenomenon, Refusal
+from physinone_mj.constants import STANDARD_GRAVITY
+from physinone_mj.contact import Surface
+from physinone_mj.continuum import Box, Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Piece
+from physinone_mj.fidelity import DRAFT
+from physinone_mj.run import Run
+from physinone_mj.scene import Scene, free_pose
+from physinone_mj.simulate import Stepper, build, compile, simulate
+
+WOOD = Surface(0.5, 0.1)
+
+
+class _Test(Phenomenon, domain="mechanics"):
+    """Something to be tried"""
+
+    def caption(self, run: Run) -> str:
+        return ""
+
+
+class LumpOnASeesaw(_Test, domain="mechanics"):
+    """A lump of jelly sticks to a plank whose axle has a spring"""
+
+    arm: Annotated[float, Param("m", 0.0, 1.0, "axle to lump")] = 0.3
+    stiffness: Annotated[float, Param("N m/rad", 1.0, 1e3, "of the axle")] = 40.0
+    half: Annotated[float, Param("m", 0.01, 0.2, "of the lump")] = 0.06
+
+    def build(self, scene: Scene) -> None:
+        part = scene.add("seesaw")
+        part.geom("board").size[:] = (0.5, 0.15, 0.02)
+        part.geom("board").mass = 0.5
+        hinge = part.joint("hinge")
+        hinge.stiffness[0], hinge.damping[0] = self.stiffness, 4.0
+        for name in ("left_tip", "right_tip", "near_cheek", "far_cheek", "near_pin", "far_pin"):
+            scene.spec.delete(part.geom(name))
+        scene.material(part.name("plank"), 600.0, WOOD)
+        scene.material(part.name("fulcrum"), 600.0, WOOD)
+        lump = Piece("lump", Elastic(young=1e5), Box((self.half,) * 3), (self.arm, 0.0, 0.39 + self.half + 0.002))
+        scene.continua.append(Continuum([lump], [Meeting("seesaw/plank", "stick")]))
+        scene.resolve(time=0.2, length=2 * self.half, duration=1.2)
+
+
+def test_a_lump_tips_a_seesaw_by_its_moment() -> None:
+    """k θ = m g (d cos θ + h sin θ): the angle at which the spring of the axle bears the lump, here 7 degrees."""
+    run = simulate(LumpOnASeesaw, fidelity=DRAFT)
+    specimen, angle = run.specimen, run.joint("seesaw/hinge")
+    weight = STANDARD_GRAVITY * run.clouds["lump"].mass[-1]
+    height, over = 0.04 + specimen.half, run.model.body("seesaw/plank").mass[0] * STANDARD_GRAVITY * 0.02
+    expected = brentq(
+        lambda q: specimen.stiffness * q - weight * (specimen.arm * math.cos(q) + height * math.sin(q))
+        - over * math.sin(q), 0, 1,
+    )  # fmt: skip
+    settled = -angle[run.t > 0.9].mean() * np.sign(-angle[-1])
+    assert np.ptp(angle[run.t > 0.9]) < 0.02 * expected
+    assert settled == pytest.approx(expected, rel=0.02)
+    centre = run.clouds["lump"].centre[run.t > 0.9].mean(axis=0)
+    assert weight * centre[0] + over * math.sin(settled) == pytest.approx(specimen.stiffness * settled, rel=5e-3)
+
+
+class LumpAgainstABall(_Test, domain="mechanics"):
+    """A lump of jelly flies into a ball, both free, far from everything"""
+
+    mass: Annotated[float, Param("kg", 1e-3, 1e3, "of the ball")] = 0.05
+    fluid: Annotated[int, Param("1", 0, 1, "whether the lump is a fluid")] = 0
+
+    def build(self, scene: Scene) -> None:
+        scene.gravity = 0.0
+        part = scene.add("ball")
+        part.geom("ball").size[0], part.geom("ball").mass = 0.06, self.mass
+        scene.start[part.name("free")] = free_pose((0.25, 0.03, 1.0))
+        scene.material(part.name("ball"), 600.0, WOOD)
+        material = Newtonian(viscosity=20.0, bulk=1e4) if self.fluid else Elastic(young=2e4)
+        lump = Piece("lump", material, Box((0.06,) * 3), (0.0, 0.0, 1.0), velocity=(2.0, 0.0, 0.0))
+        scene.continua.append(Continuum([lump], [Meeting("ball/ball", "separate", 0.3)]))
+        scene.resolve(time=0.1, length=0.12, duration=0.2)
+
+
+@pytest.mark.parametrize("mass", [1e-3, 0.05, 100.0])
+@pytest.mark.parametrize("fluid", [0, 1])
+def test_momentum_of_both_sides(mass: float, fluid: int) -> None:
+    """Matter and a body of MuJoCo's: the whole momentum, at every step, to round-off of double precision."""
+    compiled = compile(
+        specimen := LumpAgainstABall(mass=mass, fluid=fluid), build(specimen),
+        type(DRAFT)("fine", steps=64, cells=8, samples=1),
+    )  # fmt: skip
+    with Stepper(compiled) as stepper:
+        (medium,) = stepper.media
+        start = medium.solver.momentum()
+        for _ in range(24):
+            stepper.advance()
+            body = mass * stepper.data.qvel[:3]
+            assert medium.solver.momentum() + body == pytest.approx(start, abs=2e-5 * start[0])
+        assert body[0] > 0.01 * min(start[0], 2 * mass)
+
+
+def _still(continuum: Continuum, duration: float = 0.2) -> type[Phenomenon]:
+    class Still(_Test, domain="mechanics"):
+        """Matter alone"""
+
+        def build(self, scene: Scene) -> None:
+            scene.continua.append(continuum)
+            scene.resolve(time=0.1, length=0.1, duration=duration)
+
+    return Still
+
+
+def cube(material: Any = None, height: float = 0.05, **more: Any) -> Piece:
+    return Piece("cube", material or Elastic(), Box((0.05,) * 3), (0.0, 0.0, height), **more)
+
+
+FLOOR = Meeting("stage/floor", "separate", 0.5)
+
+
+def test_the_floor_feels_the_weight() -> None:
+    """What the floor was given, and what the matter lost, is m g t."""
+    run = simulate(_still(Continuum([cube(Elastic(young=1e5), 0.07)], [FLOOR])), fidelity=DRAFT)
+    cloud = run.clouds["cube"]
+    given = run.pushed["stage/floor"][:, 2] + cloud.momentum[:, 2]
+    assert given == pytest.approx(-STANDARD_GRAVITY * cloud.mass * run.t, abs=1e-4)
+    assert cloud.mass == pytest.approx(np.full(len(run), 1.0), rel=1e-9)
+
+
+def test_what_falls_freely_falls_exactly() -> None:
+    """z = z₀ - g t²/2 and v = -g t at every sample, whatever the step (single precision)."""
+    run = simulate(_still(Continuum([cube(height=0.5)], [FLOOR])), fidelity=DRAFT)
+    cloud, g = run.clouds["cube"], STANDARD_GRAVITY
+    assert cloud.centre[:, 2] == pytest.approx(cloud.centre[0, 2] - 0.5 * g * run.t**2, abs=2e-6)
+    assert cloud.momentum[:, 2] == pytest.approx(-g * run.t, abs=2e-5)
+    assert cloud.kinetic == pytest.approx(0.5 * (g * run.t) ** 2, rel=4e-5, abs=2e-5)
+
+
+def test_the_same_seed_gives_the_same_bits() -> None:
+    """And another seed puts the particles elsewhere."""
+    scene = _still(Continuum([cube(Granular(), 0.051)], [FLOOR]), duration=0.07)
+    one, two, other = (simulate(scene, fidelity=DRAFT, seed=seed).clouds["cube"] for seed in (3, 3, 4))
+    assert one.position.tobytes() == two.position.tobytes()
+    assert one.centre.tobytes() == two.centre.tobytes()
+    assert one.position.tobytes() != other.position.tobytes()
+
+
+def test_an_inlet_pours_what_it_says() -> None:
+    """π r² v t ρ, from when it opens until it closes."""
+    jet = Inlet("cube", (0.3, 0.0, 0.4), (0.0, 0.0, -1.5), 0.03, start=0.05, stop=0.15)
+    run = simulate(_still(Continuum([cube(Newtonian())], [FLOOR], inlets=[jet])), fidelity=DRAFT)
+    cloud = run.clouds["cube"]
+    rate = 1000.0 * math.pi * 0.03**2 * 1.5
+    expected = 1.0 + rate * np.clip(run.t - 0.05, 0.0, 0.1)
+    assert cloud.mass == pytest.approx(expected, abs=0.02 * rate * 0.1)
+    assert cloud.present[-1] > cloud.present[0]
+    poured = cloud.position[-1, cloud.present[0] : cloud.present[-1]]
+    assert (np.hypot(poured[:, 0] - 0.3, poured[:, 1]) < 0.04).all()
+
+
+@pytest.mark.parametrize(
+    ("continuum", "told"),
+    [
+        (Continuum([cube(height=0.03)], [FLOOR]), "R1: 'cube' lies 0.01"),
+        (Continuum([cube(Elastic(young=2000.0))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.4"),
+        (Continuum([cube(Newtonian(bulk=1e3))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.1"),
+        (Continuum([cube(Granular(young=1e5))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.01"),
+        (Continuum([cube(Elastic(young=1e12))], [FLOOR]), "R10: .* particle updates"),
+    ],
+)
+def test_what_cannot_be_computed_is_refused(continuum: Continuum, told: str) -> None:
+    """Before the first step, with the number and what is allowed."""
+    with pytest.raises(Refusal, match=told):
+        simulate(_still(continuum), fidelity=DRAFT)
+
+
+@pytest.mark.parametrize(
+    ("continuum", "told"),
+    [
+        (Continuum(), "pieces \\[\\] of a continuum"),
+        (Continuum([cube(), cube()]), "each of its own name"),
+        (Continuum([cube()], [Meeting("nobody")]), "no body or geom 'nobody'"),
+        (Continuum([cube()], inlets=[Inlet("tea", (0, 0, 1), (0, 0, -1), 0.1)]), "piece = 'tea' of an inlet"),
+    ],
+)
+def test_a_wrong_declaration_is_told(continuum: Continuum, told: str) -> None:
+    with pytest.raises((ValueError, KeyError), match=told):
+        simulate(_still(continuum), fidelity=DRAFT)
+
+
+def test_matter_meets_a_mesh() -> None:
+    """A lump comes to rest on a wedge of a mesh, above it, and not on the ball that goes around it."""
+
+    class OnAWedge(_Test, domain="mechanics"):
+        """A lump on the flat top of a mesh"""
+
+        def build(self, scene: Scene) -> None:
+            part = scene.add("seesaw")
+            scene.material(part.name("plank"), 600.0, WOOD)
+            scene.material(part.name("fulcrum"), 600.0, WOOD)
+            lump = Piece("cube", Elastic(), Box((0.05,) * 3), (0.0, -0.205, 0.41))
+            scene.continua.append(Continuum([lump], [Meeting("seesaw/near", "stick")]))
+            scene.spec.mesh("seesaw/wedge").scale[:] = (0.25, 0.2, 0.35)
+            scene.resolve(time=0.1, length=0.1, duration=0.4)
+
+    run = simulate(OnAWedge, fidelity=DRAFT)
+    assert run.clouds["cube"].low[-1, 2] < 0.362  # its sides sag beside the narrow top
+    assert run.clouds["cube"].centre[-1, 2] == pytest.approx(0.4, abs=0.015)
+
+
+def test_driven_bodies_do_not_yield() -> None:
+    """A plank that a motor turns does not feel what lies on it, and the matter goes with it."""
+    from physinone_mj.scene import Motor
+
+    class Driven(LumpOnASeesaw, domain="mechanics"):
+        """A lump on a plank that a motor turns"""
+
+        def build(self, scene: Scene) -> None:
+            super().build(scene)
+            scene.duration = 0.4
+            scene.motors.append(Motor("seesaw/hinge", ((0.0, 0.5),)))
+
+    run = simulate(Driven, fidelity=DRAFT)
+    hinge = run.joint("seesaw/hinge")
+    assert np.diff(hinge)[1:] == pytest.approx(0.5 * np.diff(run.t)[1:], abs=1e-9)
+    turning, angle = run.clouds["lump"].centre[-1], hinge[-1]
+    x, z = 0.3 * math.cos(angle) - 0.1 * math.sin(angle), 0.35 + 0.3 * math.sin(angle) + 0.1 * math.cos(angle)
+    assert turning[[0, 2]] == pytest.approx([x, z], abs=0.02)
