@@ -19,6 +19,8 @@ from physinone_mj.run import Run
 from physinone_mj.scene import IMMATERIAL
 from physinone_mj.simulate import build, compile, simulate_specimen
 
+from .verdicts import failed
+
 
 def untraced(run: Run) -> Run:
     """The same run, without what was traced before."""
@@ -93,3 +95,17 @@ def first_poses(specimen: Phenomenon) -> Run | None:
         assert "allowed" in str(refusal), refusal  # noqa: PT017  (a refusal is an answer, not an accident)
         return None
     return simulate_specimen(specimen, fidelity=DRAFT)
+
+
+def hold_at_random(cls: type[Phenomenon], draws: int, least: int, **fixed: Any) -> list[Run]:
+    """The runs of so many random specimens that are not refused, `least` of them at least: no law fails in any, and
+    nothing stands in another thing's way."""
+    rng, runs = np.random.default_rng(cls.index), []
+    for _ in range(draws):
+        run = first_poses(cls.sample(rng, **fixed))
+        if run is not None:
+            runs.append(run)
+            assert not failed(run), run.specimen
+            assert not in_each_other_s_way(run), run.specimen
+    assert len(runs) >= least, len(runs)
+    return runs
