@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import importlib
 import importlib.util
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 _name = next((name for name in ("taichi", "quadrants") if importlib.util.find_spec(name)), "taichi")
@@ -30,8 +32,29 @@ def start(double: bool, **options: Any) -> Any:
     """
     real = ti.f64 if double else ti.f32
     if _running != [real]:
-        ti.init(arch=ti.cpu, default_fp=real, log_level=ti.ERROR, **options)
+        # Taichi's own data-flow analysis takes as long as all else in compiling; LLVM's does the same
+        ti.init(arch=ti.cpu, default_fp=real, log_level=ti.ERROR, cfg_optimization=False, **options)
         for forget in _made:
             forget()
         _running[:] = [real]
     return real
+
+
+def compiles(name: str) -> bool:
+    """Whether kernels of a name (a material's, say) are not in Taichi's cache, as far as is known; said once.
+
+    The cache tells nobody, so that a mark is left beside it, which stands for this version of the sidecar and of Taichi
+    and for the precision that was started. Defect: a mark is left also by a run that breaks off before Taichi writes
+    its cache, at the end of the process.
+    """
+    config = ti.lang.impl.current_cfg()
+    if not config.offline_cache:
+        return True
+    sources = hashlib.sha256(f"{ti.__version__} {config.default_fp} {config.cpu_max_num_threads} {name}".encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        sources.update(path.read_bytes())
+    mark = Path(config.offline_cache_file_path) / f"physinone-{sources.hexdigest()[:16]}"
+    new = not mark.exists()
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()
+    return new

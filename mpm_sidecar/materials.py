@@ -39,15 +39,126 @@ Law: TypeAlias = Any
 """ti.func (state, Δt ∇v (3, 3), Δt [s], parameters) -> (state', Kirchhoff stress (3, 3) [Pa])."""
 
 SMALL: Final = 0.25
-"""|z| up to which log1p(z)/z and expm1(z)/z are series."""
+"""|z| up to which log1p(z)/z and expm1(z)/z are series, in double precision."""
+ARC: Final = (
+    -0.0012624911, 0.0066700901, -0.0170881256, 0.0308918810, -0.0501743046, 0.0889789874, -0.2145988016, 1.5707963050,
+)  # fmt: skip
+"""arccos(x)/√(1 - x), the last term first."""
+
+
+def _odd(terms: int) -> list[float]:
+    """1/(2 k + 1), of atanh(w)/w in w², the last first."""
+    return [1 / (2 * k + 1) for k in range(terms - 1, -1, -1)]
+
+
+def _rising(terms: int) -> list[float]:
+    """1/(k + 1)!, of expm1(y)/y, the last first."""
+    return [1 / math.factorial(k + 1) for k in range(terms - 1, -1, -1)]
+
+
+@kernels
+def _single() -> Any:
+    """log1p(z)/z, expm1(y)/y, exp(y) and (cos, sin)(arccos(x)/3) of single precision, without a branch or a call: so
+    the compiler works on eight particles at once."""
+    cosine = [(-1) ** k / math.factorial(2 * k) for k in range(5, -1, -1)]
+    sine = [(-1) ** k / math.factorial(2 * k + 1) for k in range(5, -1, -1)]
+
+    @ti.func
+    def log1p_over(z):
+        """1 + z = 2ⁿ (1 + t), 1/√2 < 1 + t < √2."""
+        bits = ti.bit_cast(1 + z, ti.i32)
+        n = (bits - 0x3F3504F3) >> 23
+        t = ti.select(n == 0, z, ti.bit_cast(bits - (n << 23), ti.f32) - 1)
+        over = 1 / (2 + t)
+        w = t * over
+        s = ti.cast(0.0, ti.f32)
+        for term in ti.static(_odd(6)):
+            s = s * (w * w) + term
+        return ti.select(n == 0, 2 * s * over, (ti.cast(n, ti.f32) * ti.static(math.log(2)) + 2 * s * w) / z)
+
+    @ti.func
+    def parts(y):
+        """n, 2ⁿ, r, expm1(r)/r of exp(y) = 2ⁿ exp(r), |r| < log √2."""
+        n = ti.cast(y * ti.static(1 / math.log(2)) + 256.5, ti.i32) - 256
+        r = y - ti.cast(n, ti.f32) * ti.static(math.log(2))
+        rest = ti.cast(0.0, ti.f32)
+        for term in ti.static(_rising(8)):
+            rest = rest * r + term
+        return n, ti.bit_cast((n + 127) << 23, ti.f32), r, rest
+
+    @ti.func
+    def exp(y):
+        _, power, r, rest = parts(y)
+        return power + power * r * rest
+
+    @ti.func
+    def expm1_over(y):
+        n, power, r, rest = parts(y)
+        return ti.select(n == 0, rest, (power * r * rest + (power - 1)) / y)
+
+    @ti.func
+    def third(x):
+        """Source: M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions (1964), 4.4.46."""
+        size = ti.abs(x)
+        arc = ti.cast(0.0, ti.f32)
+        for term in ti.static(ARC):
+            arc = arc * size + term
+        arc *= ti.sqrt(1 - size)
+        turn = ti.select(x < 0, ti.static(math.pi) - arc, arc) / 3
+        c, s = ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32)
+        for term in ti.static(cosine):
+            c = c * (turn * turn) + term
+        for term in ti.static(sine):
+            s = s * (turn * turn) + term
+        return c, s * turn
+
+    return SimpleNamespace(log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
+
+
+@kernels
+def _double() -> Any:
+    """The same of double precision."""
+
+    @ti.func
+    def log1p_over(z):
+        y = ti.cast(0.0, ti.f64)
+        if ti.abs(z) < SMALL:
+            w = z / (2 + z)
+            s = ti.cast(0.0, ti.f64)
+            for term in ti.static(_odd(10)):
+                s = s * (w * w) + term
+            y = 2 * s / (2 + z)
+        else:
+            y = ti.log(1 + z) / z
+        return y
+
+    @ti.func
+    def exp(y):
+        return ti.exp(y)
+
+    @ti.func
+    def expm1_over(y):
+        z = ti.cast(0.0, ti.f64)
+        if ti.abs(y) < SMALL:
+            for term in ti.static(_rising(12)):
+                z = z * y + term
+        else:
+            z = (ti.exp(y) - 1) / y
+        return z
+
+    @ti.func
+    def third(x):
+        turn = ti.acos(x) / 3
+        return ti.cos(turn), ti.sin(turn)
+
+    return SimpleNamespace(log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
 
 
 @kernels
 def functions(real: Any) -> Any:
     """What the laws share, at a precision: symmetric matrices, logarithms, eigenvalues."""
-    terms = 6 if real == ti.f32 else 9
-    odd = [1 / (2 * k + 1) for k in range(terms, -1, -1)]
-    rising = [1 / math.factorial(k + 1) for k in range(terms + 2, -1, -1)]
+    of_number = _single() if real == ti.f32 else _double()
+    log1p_over, expm1_over, exp = of_number.log1p_over, of_number.expm1_over, of_number.exp
 
     @ti.func
     def unpack(s):
@@ -72,32 +183,6 @@ def functions(real: Any) -> Any:
         return c.trace() + minors + c.determinant()
 
     @ti.func
-    def log1p_over(z):
-        """log(1 + z)/z."""
-        y = ti.cast(0.0, real)
-        if ti.abs(z) < SMALL:
-            w = z / (2 + z)
-            q = w * w
-            s = ti.cast(0.0, real)
-            for term in ti.static(odd):
-                s = s * q + term
-            y = 2 * s / (2 + z)
-        else:
-            y = ti.log(1 + z) / z
-        return y
-
-    @ti.func
-    def expm1_over(y):
-        """(exp(y) - 1)/y."""
-        z = ti.cast(0.0, real)
-        if ti.abs(y) < SMALL:
-            for term in ti.static(rising):
-                z = z * y + term
-        else:
-            z = (ti.exp(y) - 1) / y
-        return z
-
-    @ti.func
     def eigenvalues(c):
         """The three of a symmetric matrix, greatest first, by the cubic's cosines.
 
@@ -107,17 +192,14 @@ def functions(real: Any) -> Any:
         mean = c.trace() / 3
         d = c - mean * ti.Matrix.identity(real, 3)
         p2 = (d[0, 0] ** 2 + d[1, 1] ** 2 + d[2, 2] ** 2 + 2 * (d[0, 1] ** 2 + d[0, 2] ** 2 + d[1, 2] ** 2)) / 6
-        e = ti.Vector([mean, mean, mean])
-        if p2 > ti.static(1e-36 if real == ti.f32 else 1e-290):
-            p = ti.sqrt(p2)
-            turn = ti.acos(ti.min(ti.max((d / p).determinant() / 2, -1.0), 1.0)) / 3
-            x, y = ti.cos(turn), ti.sin(turn)
-            e = ti.Vector([
-                mean + 2 * p * x,
-                mean + p * (ti.static(math.sqrt(3)) * y - x),
-                mean - p * (ti.static(math.sqrt(3)) * y + x),
-            ])
-        return e
+        p = ti.sqrt(ti.max(p2, ti.static(1e-36 if real == ti.f32 else 1e-290)))
+        d *= 1 / p
+        x, y = of_number.third(ti.min(ti.max(d.determinant() / 2, -1.0), 1.0))
+        return ti.Vector([
+            mean + 2 * p * x,
+            mean + p * (ti.static(math.sqrt(3)) * y - x),
+            mean - p * (ti.static(math.sqrt(3)) * y + x),
+        ])
 
     @ti.func
     def logs(e):
@@ -148,7 +230,7 @@ def functions(real: Any) -> Any:
         return result
 
     return SimpleNamespace(
-        unpack=unpack, pack=pack, push=push, excess=excess, log1p_over=log1p_over, expm1_over=expm1_over,
+        unpack=unpack, pack=pack, push=push, excess=excess, log1p_over=log1p_over, expm1_over=expm1_over, exp=exp,
         eigenvalues=eigenvalues, logs=logs, of=of,
     )  # fmt: skip
 
@@ -214,8 +296,8 @@ def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
             tau[i, i] += 2 * k[0] * shift + k[1] * after
         if shrink != 1.0 or after != trace:
             z = shrink * y + 2 * shift
-            rise = ti.exp(z[0]) * shared.expm1_over(z[1] - z[0]) * shrink * near
-            fall = ti.exp(z[1]) * shared.expm1_over(z[2] - z[1]) * shrink * far
+            rise = shared.exp(z[0]) * shared.expm1_over(z[1] - z[0]) * shrink * near
+            fall = shared.exp(z[1]) * shared.expm1_over(z[2] - z[1]) * shrink * far
             c = shared.of(c, e, z[0] * shared.expm1_over(z[0]), rise, fall)
         return seal(c, gained), tau
 

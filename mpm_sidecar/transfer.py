@@ -9,9 +9,10 @@ where velocities are those of a step's middle, as a leapfrog's: the first step h
 Source: Y. Hu et al., ACM Trans. Graph. 37 (2018) 150, eq. 16-29 (MLS-MPM); C. Jiang et al., J. Comput. Phys. 338 (2017)
 137 (affine velocities, which keep linear and angular momentum).
 
-Particles lie sorted by blocks of 4³ cells. Blocks of one of eight colours are at least 8 cells apart, and a particle
-may drift by a cell before they are sorted again: so blocks of one colour scatter side by side with plain additions, in
-an order that no number of threads changes. Only blocks that particles can touch are cleared and advanced. The grid's
+Particles lie sorted by blocks of 4³ cells, and so by columns of blocks along z. Columns of one of four colours are a
+column apart, and a particle may drift by a cell before they are sorted again: so columns of one colour scatter side by
+side with plain additions, in an order that no number of threads changes. Only blocks that particles can touch are
+cleared and advanced. The grid's
 nodes are multiples of Δx from the world's origin, wherever it begins and however far it reaches; it grows with the
 motion.
 
@@ -22,6 +23,7 @@ Defects: explicit, stable below `longest_step` only; affine velocities damp shea
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -47,114 +49,198 @@ _COURANT: Final = 0.3
 _VISCOUS: Final = 0.1
 """Part of ρ Δx²/η that a step may be."""
 _MOST_NODES: Final = 2**28
+_CHUNK: Final = 8
+"""Particles that are gathered together, so that they are still at hand when their law is asked."""
+_STATE: Final = 20
+"""Where in a record the state begins: x (3), 0, v (3), 1, the columns of A (3) and 0 each."""
+_VELOCITY: Final = slice(4, 7)
+
+
+def _width(state: int) -> int:
+    """Of a record with a state of so many numbers, in whole fours."""
+    return _STATE + (state + 3) // 4 * 4
+
+
+@ti.func
+def _weights(f):
+    """Of the three nodes along an axis, f [cell] after the first of which a particle is."""
+    return ti.Vector([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
 
 
 @kernels
-def _particle_kernels(law: Any, real: Any, state: int) -> Any:
-    """(scatter, gather) for one material's law at a precision."""
-    width = 15 + state
-    record, node = ti.types.vector(width, real), ti.types.vector(4, real)
+def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
+    """Particles begin[a] to end[a] of each a from low to high onto the grid; fixed: as `_count_kernel` has it.
+
+    The compiler makes one instruction of the four numbers of a node, if nothing tells them apart: hence a record of
+    whole fours, and loops that are unrolled (an address in one that is not could overflow).
+    """
     whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
-    records = ti.types.ndarray(dtype=record, ndim=1)
-    nodes = ti.types.ndarray(dtype=node, ndim=1)
+    records = ti.types.ndarray(dtype=ti.types.vector(width, real), ndim=1)
+    nodes = ti.types.ndarray(dtype=ti.types.vector(4, ti.i64 if fixed else real), ndim=1)
     place, numbers = ti.types.vector(3, real), ti.types.vector(4, real)
-    inner = ti.types.vector(state, real)
+
+    @ti.func
+    def add(grid: ti.template(), n, part, _parts):
+        grid[n] = grid[n] + part
+
+    @ti.func
+    def add_whole(grid: ti.template(), n, part, parts):
+        for c in ti.static(range(4)):
+            ti.atomic_add(grid[n][c], ti.cast(ti.round(parts[c] * part[c]), ti.i64))
+
+    put = add_whole if fixed else add
 
     @ti.kernel
     def scatter(
-        rec: records, grid: nodes, first: whole, blocks: whole, low: ti.i32, high: ti.i32, ny: ti.i32, nz: ti.i32,
-        origin: place, cells: real, mass: real,
+        rec: records, grid: nodes, begin: whole, end: whole, low: ti.i32, high: ti.i32, ny: ti.i32, nz: ti.i32,
+        origin: place, cells: real, mass: real, parts: numbers,
     ):  # fmt: skip
+        ti.loop_config(block_dim=1)
         for a in range(low, high):
-            b = blocks[a]
-            for p in range(first[b], first[b + 1]):
+            for p in range(begin[a], end[a]):
                 r = rec[p]
                 x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
                 base = ti.cast(x - 0.5, ti.i32)
                 f = x - ti.cast(base, real)
-                wy = ti.Vector([0.5 * (1.5 - f[1]) ** 2, 0.75 - (f[1] - 1) ** 2, 0.5 * (f[1] - 0.5) ** 2])
-                wz = ti.Vector([0.5 * (1.5 - f[2]) ** 2, 0.75 - (f[2] - 1) ** 2, 0.5 * (f[2] - 0.5) ** 2])
-                ax = ti.Vector([r[6], r[9], r[12], 0.0])
-                ay = ti.Vector([r[7], r[10], r[13], 0.0])
-                az = ti.Vector([r[8], r[11], r[14], 0.0])
-                q = ti.Vector([mass * r[3], mass * r[4], mass * r[5], mass]) - f[0] * ax - f[1] * ay - f[2] * az
+                wx, wy, wz = _weights(f[0]), _weights(f[1]), _weights(f[2])
+                ax = ti.Vector([r[8], r[9], r[10], r[11]])
+                ay = ti.Vector([r[12], r[13], r[14], r[15]])
+                az = ti.Vector([r[16], r[17], r[18], r[19]])
+                q = mass * ti.Vector([r[4], r[5], r[6], r[7]]) - f[0] * ax - f[1] * ay - f[2] * az
                 here = (base[0] * ny + base[1]) * nz + base[2]
-                for i in range(3):
-                    wx = 0.5 * (1.5 - f[0]) ** 2
-                    if i == 1:
-                        wx = 0.75 - (f[0] - 1) ** 2
-                    if i == 2:
-                        wx = 0.5 * (f[0] - 0.5) ** 2
-                    qx = q + ti.cast(i, real) * ax
-                    row = here + i * ny * nz
-                    for j in ti.static(range(3)):
-                        qy = qx + j * ay
-                        w = wx * wy[j]
-                        for k in ti.static(range(3)):
-                            n = row + j * nz + k
-                            grid[n] = grid[n] + (w * wz[k]) * (qy + k * az)
+                for i, j in ti.static(ti.ndrange(3, 3)):
+                    n = here + (i * ny + j) * nz
+                    w = wx[i] * wy[j]
+                    line = w * (q + i * ax + j * ay)
+                    rise = w * az
+                    put(grid, n, wz[0] * line, parts)
+                    line += rise
+                    put(grid, n + 1, wz[1] * line, parts)
+                    line += rise
+                    put(grid, n + 2, wz[2] * line, parts)
+
+    return scatter
+
+
+@kernels
+def _count_kernel(real: Any) -> Any:
+    """What was added up in whole numbers becomes what it stands for, and is cleared."""
+    whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
+    counts = ti.types.ndarray(dtype=ti.types.vector(4, ti.i64), ndim=1)
+    nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
+
+    @ti.kernel
+    def count(
+        fixed: counts, grid: nodes, blocks: whole, number: ti.i32, ny: ti.i32, nz: ti.i32,
+        quanta: ti.types.vector(4, real),
+    ):  # fmt: skip
+        for a in range(number):
+            x, y, z = begin(blocks[a], ny, nz)
+            for i in range(4):
+                for j in range(4):
+                    for k in range(4):
+                        n = ((x + i) * ny + y + j) * nz + z + k
+                        for c in ti.static(range(4)):
+                            grid[n][c] = quanta[c] * ti.cast(fixed[n][c], real)
+                            fixed[n][c] = ti.cast(0, ti.i64)
+
+    return count
+
+
+@kernels
+def _gather_kernel(law: Any, real: Any, state: int) -> Any:
+    """The grid's velocities to particles, and one material's law; returns the greatest component of a velocity.
+
+    In single precision the law's loop has no branch and no call, and its numbers are local: eight particles at once.
+    """
+    records = ti.types.ndarray(dtype=ti.types.vector(_width(state), real), ndim=1)
+    nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
+    place, numbers = ti.types.vector(3, real), ti.types.vector(4, real)
+    inner = ti.types.vector(state, real)
 
     @ti.kernel
     def gather(
-        rec: records, grid: nodes, count: ti.i32, ny: ti.i32, nz: ti.i32, origin: place, cells: real, dt: real,
-        mass: real, volume: real, k: numbers,
+        rec: records, grid: nodes, count: ti.i32, nothing: ti.i32, ny: ti.i32, nz: ti.i32, origin: place,
+        cells: real, dt: real, stride: numbers, keep: numbers, push: real, k: numbers,
     ) -> real:  # fmt: skip
         fastest = ti.cast(0.0, real)
-        for p in range(count):
-            r = rec[p]
-            x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
-            base = ti.cast(x - 0.5, ti.i32)
-            f = x - ti.cast(base, real)
-            wy = ti.Vector([0.5 * (1.5 - f[1]) ** 2, 0.75 - (f[1] - 1) ** 2, 0.5 * (f[1] - 0.5) ** 2])
-            wz = ti.Vector([0.5 * (1.5 - f[2]) ** 2, 0.75 - (f[2] - 1) ** 2, 0.5 * (f[2] - 0.5) ** 2])
-            here = (base[0] * ny + base[1]) * nz + base[2]
-            v = ti.Vector.zero(real, 4)
-            bx = ti.Vector.zero(real, 4)
-            by = ti.Vector.zero(real, 4)
-            bz = ti.Vector.zero(real, 4)
-            for i in range(3):
-                wx = 0.5 * (1.5 - f[0]) ** 2
-                if i == 1:
-                    wx = 0.75 - (f[0] - 1) ** 2
-                if i == 2:
-                    wx = 0.5 * (f[0] - 0.5) ** 2
-                row = here + i * ny * nz
-                sum_ = ti.Vector.zero(real, 4)
-                for j in ti.static(range(3)):
-                    line = wz[0] * grid[row + j * nz]
-                    one = wz[1] * grid[row + j * nz + 1]
-                    two = wz[2] * grid[row + j * nz + 2]
-                    line += one + two
-                    line *= wy[j]
-                    sum_ += line
-                    by += (wx * j) * line
-                    bz += (wx * wy[j]) * (one + 2 * two)
-                v += wx * sum_
-                bx += (ti.cast(i, real) * wx) * sum_
-            bx -= f[0] * v
-            by -= f[1] * v
-            bz -= f[2] * v
-            spread = 4.0 * cells
-            c = spread * ti.Matrix([[bx[0], by[0], bz[0]], [bx[1], by[1], bz[1]], [bx[2], by[2], bz[2]]])
-            s = inner(0.0)
-            for i in ti.static(range(state)):
-                s[i] = r[15 + i]
-            s, tau = law(s, dt * c, dt, k)
-            a = (mass / cells) * c - (dt * volume * spread) * tau
-            speed = ti.cast(0.0, real)
-            for i in ti.static(range(3)):
-                r[i] = r[i] + dt * v[i]
-                r[3 + i] = v[i]
-                speed = ti.max(speed, ti.abs(v[i]))
-                for j in ti.static(range(3)):
-                    r[6 + 3 * i + j] = a[i, j]
-            for i in ti.static(range(state)):
-                r[15 + i] = s[i]
-            rec[p] = r
-            ti.atomic_max(fastest, speed)
+        for chunk in range((count + _CHUNK - 1) // _CHUNK):
+            last = ti.min((chunk + 1) * _CHUNK, count)
+            for particle in range(chunk * _CHUNK, last):
+                p = particle ^ nothing  # itself, but the compiler cannot know: an address that could not overflow
+                r = rec[p]
+                x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
+                base = ti.cast(x - 0.5, ti.i32)
+                f = x - ti.cast(base, real)
+                wx, wy, wz = _weights(f[0]), _weights(f[1]), _weights(f[2])
+                here = (base[0] * ny + base[1]) * nz + base[2]
+                v = ti.Vector.zero(real, 4)
+                bx = ti.Vector.zero(real, 4)
+                by = ti.Vector.zero(real, 4)
+                bz = ti.Vector.zero(real, 4)
+                for i in ti.static(range(3)):
+                    plane = ti.Vector.zero(real, 4)
+                    turn = ti.Vector.zero(real, 4)
+                    rise = ti.Vector.zero(real, 4)
+                    for j in ti.static(range(3)):
+                        n = here + (i * ny + j) * nz
+                        one = wz[1] * grid[n + 1]
+                        two = wz[2] * grid[n + 2]
+                        line = wz[0] * grid[n] + one + two
+                        plane += wy[j] * line
+                        if ti.static(j > 0):
+                            turn += (j * wy[j]) * line
+                        rise += wy[j] * (one + 2 * two)
+                    v += wx[i] * plane
+                    if ti.static(i > 0):
+                        bx += (i * wx[i]) * plane
+                    by += wx[i] * turn
+                    bz += wx[i] * rise
+                for c in ti.static(range(4)):
+                    r[c] += stride[c] * v[c]
+                    r[4 + c] = v[c]
+                    r[8 + c] = bx[c] - f[0] * v[c]
+                    r[12 + c] = by[c] - f[1] * v[c]
+                    r[16 + c] = bz[c] - f[2] * v[c]
+                rec[p] = r
+            change = ti.Matrix.zero(real, 9, _CHUNK)
+            kept = ti.Matrix.zero(real, state, _CHUNK)
+            stress = ti.Matrix.zero(real, 6, _CHUNK)
+            for particle in range(chunk * _CHUNK, last):
+                q = particle - chunk * _CHUNK
+                for i, j in ti.static(ti.ndrange(3, 3)):
+                    change[3 * i + j, q] = (4.0 * cells * dt) * rec[particle][8 + i + 4 * j]
+                for i in ti.static(range(state)):
+                    kept[i, q] = rec[particle][_STATE + i]
+            for q in range(_CHUNK):
+                s = inner(0.0)
+                for i in ti.static(range(state)):
+                    s[i] = kept[i, q]
+                grad = ti.Matrix.zero(real, 3, 3)
+                for i, j in ti.static(ti.ndrange(3, 3)):
+                    grad[i, j] = change[3 * i + j, q]
+                s, tau = law(s, grad, dt, k)
+                for i in ti.static(range(state)):
+                    kept[i, q] = s[i]
+                for i in ti.static(range(3)):
+                    stress[i, q] = tau[i, i]
+                    stress[3 + i, q] = tau[(i + 1) % 3, (i + 2) % 3]
+            for particle in range(chunk * _CHUNK, last):
+                q = particle - chunk * _CHUNK
+                r = rec[particle]
+                for i, j in ti.static(ti.ndrange(3, 3)):
+                    r[8 + i + 4 * j] = keep[i] * r[8 + i + 4 * j] - push * stress[i if i == j else 6 - i - j, q]
+                r[7] = 1.0
+                r[11] = 0.0
+                r[15] = 0.0
+                r[19] = 0.0
+                for i in ti.static(range(state)):
+                    r[_STATE + i] = kept[i, q]
+                rec[particle] = r
+                ti.atomic_max(fastest, ti.max(ti.abs(r[4]), ti.abs(r[5]), ti.abs(r[6])))
         return fastest
 
-    return scatter, gather
+    return gather
 
 
 @kernels
@@ -165,6 +251,7 @@ def _grid_kernels(real: Any) -> Any:
 
     @ti.kernel
     def clear(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32):
+        ti.loop_config(block_dim=64)
         for a in range(count):
             x, y, z = begin(blocks[a], ny, nz)
             for i in range(4):
@@ -175,6 +262,7 @@ def _grid_kernels(real: Any) -> Any:
 
     @ti.kernel
     def advance(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, kick: ti.types.vector(3, real)):
+        ti.loop_config(block_dim=64)
         for a in range(count):
             x, y, z = begin(blocks[a], ny, nz)
             for i in range(4):
@@ -189,6 +277,20 @@ def _grid_kernels(real: Any) -> Any:
                             ])  # fmt: skip
 
     return clear, advance
+
+
+@njit(cache=True)
+def _span(rec: Any) -> Any:
+    """Least and greatest coordinates (2, 3) of records; not a number if any is not."""
+    out = np.empty((2, 3))
+    for i in range(3):
+        low = high = rec[0, i]
+        for p in range(rec.shape[0]):
+            x = rec[p, i]
+            low = x if not x >= low else low
+            high = x if not x <= high else high
+        out[0, i], out[1, i] = low, high
+    return out
 
 
 @njit(cache=True)
@@ -212,7 +314,8 @@ def _sort(rec: Any, spare: Any, order: Any, first: Any, origin: Any, cells: floa
     for p in range(count):
         to = next_[key[p]]
         next_[key[p]] = to + 1
-        spare[to] = rec[p]
+        for i in range(rec.shape[1]):
+            spare[to, i] = rec[p, i]
         sorted_[to] = order[p]
     order[:] = sorted_
 
@@ -252,19 +355,20 @@ class _Cloud:
     def __init__(self, body: Body, dtype: Any) -> None:
         self.material, self.volume = body.material, body.volume
         self.mass = body.volume * body.material.density
-        self.records = np.zeros((len(body.points), 15 + body.material.state), dtype)
+        self.records = np.zeros((len(body.points), _width(body.material.state)), dtype)
         self.records[:, :3] = body.points
-        self.records[:, 3:6] = body.velocity
+        self.records[:, _VELOCITY] = body.velocity
+        self.records[:, 7] = 1.0
         self.spare = np.empty_like(self.records)
         self.order = np.arange(len(body.points))
-        self.first = np.zeros(1, np.int32)
-        self.blocks = np.zeros(0, np.int32)
+        self.begin, self.end = np.zeros((2, 0), np.int32)
         self.starts: list[int] = []
+        self.fullest = 0
         self.ahead = np.zeros(3)  # half a step's change of velocity, from the last one's middle to its end
 
     def momentum(self) -> Array:
         """Σ m v of the velocities that there are (3,) [kg m/s]."""
-        return np.asarray(self.mass * self.records[:, 3:6].sum(axis=0, dtype=float))
+        return np.asarray(self.mass * self.records[:, _VELOCITY].sum(axis=0, dtype=float))
 
 
 class Solver:
@@ -277,6 +381,8 @@ class Solver:
         bearers: what stands in the way; after each step they are where they then are.
         period: length after which the world repeats itself along each axis [m], whole cells, 8 at least, or infinite.
         double: in double precision.
+        atomic: add up on the grid in whole numbers of a quantum, in any order, as a GPU has to (where it is the
+            default); the same bits for any order of particles, too, and slower on a CPU.
 
     Raises:
         ValueError: no body, a cell that is not positive, a period that is not of whole cells.
@@ -285,6 +391,7 @@ class Solver:
     def __init__(
         self, bodies: Sequence[Body], dx: float, *, gravity: ArrayLike = (0.0, 0.0, 0.0),
         bearers: Sequence[Bearer] = (), period: ArrayLike = math.inf, double: bool = False,
+        atomic: bool | None = None,
     ) -> None:  # fmt: skip
         if not bodies or not 0 < dx < math.inf:
             raise ValueError(f"{len(bodies)} bodies, dx = {dx} m; allowed: at least one body, a positive dx")
@@ -301,9 +408,14 @@ class Solver:
         self._clear, self._advance = _grid_kernels(self._real)
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)
+        config = ti.lang.impl.current_cfg()
+        self._threads = config.cpu_max_num_threads
+        if atomic is None:
+            atomic = config.arch not in (ti.x64, ti.arm64)
+        self._fixed = np.zeros((0, 4), np.int64) if atomic else None
         self._active = np.zeros(0, np.int32)
         self._drift, self._last = math.inf, 0.0
-        self._fastest = max(float(np.abs(c.records[:, 3:6]).max()) for c in self._clouds)
+        self._fastest = max(float(np.abs(c.records[:, _VELOCITY]).max()) for c in self._clouds)
 
     def positions(self, body: int = 0) -> Array:
         """(n, 3) [m], in the order in which they were given."""
@@ -311,11 +423,11 @@ class Solver:
 
     def velocities(self, body: int = 0) -> Array:
         """(n, 3) [m/s], in the order in which they were given; now, if `advance` came last."""
-        return self._given(body, slice(3, 6)) + self._clouds[body].ahead
+        return self._given(body, _VELOCITY) + self._clouds[body].ahead
 
     def states(self, body: int = 0) -> Array:
         """(n, state) of the material's law, in the order in which they were given."""
-        return self._given(body, slice(15, None))
+        return self._given(body, slice(_STATE, _STATE + self.bodies[body].material.state))
 
     def _given(self, body: int, columns: slice) -> Array:
         cloud = self._clouds[body]
@@ -327,11 +439,11 @@ class Solver:
         """Give a body more particles: (n, 3) [m], at rest within and of a velocity [m/s]. They come last."""
         cloud = self._clouds[body]
         new = np.zeros((len(points), cloud.records.shape[1]), self._type)
-        new[:, :3], new[:, 3:6] = points, velocity
+        new[:, :3], new[:, _VELOCITY], new[:, 7] = points, velocity, 1.0
         cloud.order = np.concatenate([cloud.order, len(cloud.order) + np.arange(len(points))])
         cloud.records = np.concatenate([cloud.records, new])
         cloud.spare = np.empty_like(cloud.records)
-        self._fastest = max(self._fastest, float(np.abs(new[:, 3:6]).max(initial=0.0)))
+        self._fastest = max(self._fastest, float(np.abs(new[:, _VELOCITY]).max(initial=0.0)))
         self._drift = math.inf
 
     def momentum(self) -> Array:
@@ -351,9 +463,10 @@ class Solver:
             parts = max(1, math.ceil(left / longest))
             dt = left / parts
             before = [cloud.momentum() for cloud in self._clouds] if parts == 1 else []
+            share = dt / (self._last + dt)  # of the change from the middle of the step before, what is still to come
             self.step(dt)
             for cloud, momentum in zip(self._clouds, before, strict=False):
-                cloud.ahead = (cloud.momentum() - momentum) / (2 * cloud.mass * len(cloud.records))
+                cloud.ahead = share * (cloud.momentum() - momentum) / (cloud.mass * len(cloud.records))
             left -= dt
             taken += 1
         return taken
@@ -366,14 +479,19 @@ class Solver:
         origin = self._vector(self._corner * self.dx)
         cells = 1 / self.dx
         grid, active, count = self._grid, self._active, len(self._active)
-        self._clear(grid, active, count, ny, nz)
+        if self._fixed is None:
+            self._clear(grid, active, count, ny, nz)
+        parts = self._parts(dt)
         for cloud in self._clouds:
-            scatter, _ = _particle_kernels(law(cloud.material, self._real), self._real, cloud.material.state)
-            for colour in range(8):
-                low, high = cloud.starts[colour], cloud.starts[colour + 1]
+            scatter = _scatter_kernel(self._real, cloud.records.shape[1], self._fixed is not None)
+            # one thread goes through all colours in order, and where whole numbers are added order is nothing
+            ends = cloud.starts if self._threads > 1 and self._fixed is None else [0, cloud.starts[-1]]
+            for low, high in pairwise(ends):
                 if high > low:
-                    scatter(cloud.records, grid, cloud.first, cloud.blocks, low, high, ny, nz, origin, cells,
-                            cloud.mass)  # fmt: skip
+                    scatter(cloud.records, grid if self._fixed is None else self._fixed, cloud.begin, cloud.end, low,
+                            high, ny, nz, origin, cells, cloud.mass, self._vector(parts))  # fmt: skip
+        if self._fixed is not None:
+            _count_kernel(self._real)(self._fixed, grid, active, count, ny, nz, self._vector(1 / parts))
         self._fold()
         # velocities are those of the middle of a step, so that what falls freely falls exactly
         self._advance(grid, active, count, ny, nz, self._vector((self._last + dt) / 2 * self.gravity))
@@ -382,10 +500,12 @@ class Solver:
             bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
         fastest = 0.0
         for cloud in self._clouds:
-            _, gather = _particle_kernels(law(cloud.material, self._real), self._real, cloud.material.state)
+            gather = _gather_kernel(law(cloud.material, self._real), self._real, cloud.material.state)
             numbers = ti.Vector([*cloud.material.parameters(), 0.0, 0.0, 0.0][:4], self._real)
-            speed = gather(cloud.records, grid, len(cloud.records), ny, nz, origin, cells, dt, cloud.mass, cloud.volume,
-                           numbers)  # fmt: skip
+            keep = 4 * cloud.mass
+            speed = gather(cloud.records, grid, len(cloud.records), 0, ny, nz, origin, cells, dt,
+                           self._vector((dt, dt, dt, 0.0)), self._vector((keep, keep, keep, 0.0)),
+                           dt * cloud.volume * 4 * cells, numbers)  # fmt: skip
             fastest = speed if not speed <= fastest else fastest
         self._fastest = float(fastest)
         for bearer in self.bearers:
@@ -393,6 +513,15 @@ class Solver:
         self._drift += self._fastest * dt
         self.time += dt
         self.steps += 1
+
+    def _parts(self, dt: float) -> Array:
+        """Quanta in a unit of momentum (3) and of mass, powers of two: 2⁶² are more than any node can get.
+
+        No node has more mass than 27 times what is in the fullest block, and nothing stable crosses a cell in a step.
+        """
+        mass = 27 * max(cloud.mass * cloud.fullest for cloud in self._clouds) * len(self._clouds)
+        most = np.array([4 * mass * self.dx / dt] * 3 + [mass])
+        return np.exp2(62 - np.ceil(np.log2(most)))
 
     def _vector(self, values: ArrayLike) -> Any:
         return ti.Vector(np.asarray(values, float).tolist(), self._real)
@@ -412,7 +541,7 @@ class Solver:
             for cloud in self._clouds:
                 x = cloud.records[:, axis]
                 x -= np.floor(x / self._period[axis]).astype(x.dtype) * x.dtype.type(self._period[axis])
-        spans = [np.stack([c.records[:, :3].min(axis=0), c.records[:, :3].max(axis=0)]) for c in self._clouds]
+        spans = [_span(c.records) for c in self._clouds]
         low, high = np.min([s[0] for s in spans], axis=0), np.max([s[1] for s in spans], axis=0)
         if not np.isfinite([low, high]).all():
             raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
@@ -428,19 +557,24 @@ class Solver:
             if nodes > _MOST_NODES:
                 raise ArithmeticError(f"the particles spread over {nodes} nodes; allowed: {_MOST_NODES}")
             self._grid = np.zeros((nodes, 4), self._type)
+            if self._fixed is not None:
+                self._fixed = np.zeros((nodes, 4), np.int64)
         blocks = self._shape // _SIDE
         near = np.zeros(blocks, bool)
         origin = (self._corner * self.dx).astype(self._type)
         for cloud in self._clouds:
             bins = np.zeros(int(np.prod(blocks)) + 1, np.int32)
             _sort(cloud.records, cloud.spare, cloud.order, bins, origin, self._type(1 / self.dx), blocks[1], blocks[2])
-            cloud.records, cloud.spare, cloud.first = cloud.spare, cloud.records, bins
-            full = np.flatnonzero(np.diff(bins))
-            x, y, z = np.unravel_index(full, blocks)
-            colour = (x % 2) * 4 + (y % 2) * 2 + z % 2
-            by_colour = np.argsort(colour, kind="stable")
-            cloud.blocks = full[by_colour].astype(np.int32)
-            cloud.starts = np.searchsorted(colour[by_colour], np.arange(9)).tolist()
+            cloud.records, cloud.spare = cloud.spare, cloud.records
+            held = np.diff(bins)
+            cloud.fullest = int(held.max())
+            x, y, z = np.unravel_index(np.flatnonzero(held), blocks)
+            begin = bins[:: blocks[2]]
+            full = np.flatnonzero(np.diff(begin))
+            colour = full // blocks[1] % 2 * 2 + full % blocks[1] % 2
+            full = full[np.argsort(colour, kind="stable")]
+            cloud.begin, cloud.end = begin[full], begin[full + 1]
+            cloud.starts = np.searchsorted(np.sort(colour), np.arange(5)).tolist()
             for dx in (-1, 0, 1):
                 for dy in (-1, 0, 1):
                     for dz in (-1, 0, 1):

@@ -16,7 +16,7 @@ import pytest
 
 from physinone_mj.fidelity import Fidelity
 from physinone_mj.registry import phenomenon
-from physinone_mj.run import Run
+from physinone_mj.run import Cloud, Run
 from physinone_mj.simulate import simulate
 
 
@@ -68,13 +68,39 @@ def tampered(run: Run, *, clock: float = 1.0, growth: float = 1.0, twins: bool =
             mujoco.mj_integratePos(model, q, moved * factor, 1.0)
             qpos[i] = q
             qvel[i] = run.qvel[i] * factor + moved * rate
+    clouds = {name: _tampered(cloud, run, clock, growth) for name, cloud in run.clouds.items()}
     impacts = tuple(dataclasses.replace(i, time=i.time * clock, approach=i.approach / clock) for i in run.impacts)
 
     def again(**changes: Any) -> Run:
         twin = run.again(**changes)
         return tampered(twin, clock=clock, growth=growth, twins=True) if twins else twin
 
-    return dataclasses.replace(run, t=t, qpos=qpos, qvel=qvel, impacts=impacts, again_with=again, _repeats={})
+    return dataclasses.replace(
+        run, t=t, qpos=qpos, qvel=qvel, impacts=impacts, clouds=clouds, again_with=again, _repeats={}
+    )
+
+
+def _tampered(cloud: Cloud, run: Run, clock: float, growth: float) -> Cloud:
+    """Matter whose particles, and so its centre, go farther from where they began by a factor that grows to `growth`.
+
+    Angular momentum and stored energy are left as they were.
+    """
+    when, rate = run.t / run.t[-1], (growth - 1) / run.t[-1]
+    factor = 1 + (growth - 1) * when[:, None]
+    moved, frames = cloud.centre - cloud.centre[0], slice(None, None, run.stride)
+    momentum = (cloud.momentum * factor + cloud.mass[:, None] * moved * rate) / clock
+    before = np.sum(cloud.momentum**2, axis=1) / (2 * cloud.mass)
+    kinetic = (cloud.kinetic - before) * factor[:, 0] ** 2 / clock**2 + np.sum(momentum**2, axis=1) / (2 * cloud.mass)
+    of_frame = factor[frames, None].astype(np.float32)
+    first = cloud.position[:1]
+    gone = cloud.position - first
+    return dataclasses.replace(
+        cloud, centre=cloud.centre[0] + moved * factor, momentum=momentum, kinetic=kinetic,
+        low=cloud.low[0] + (cloud.low - cloud.low[0]) * factor,
+        high=cloud.high[0] + (cloud.high - cloud.high[0]) * factor,
+        position=first + gone * of_frame,
+        velocity=((cloud.velocity * of_frame + gone * rate) / clock).astype(np.float32),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

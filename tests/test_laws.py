@@ -26,7 +26,7 @@ LAWS = [
 ]
 each_law = pytest.mark.parametrize(("index", "law"), LAWS)
 
-LONG = {13, 17, 18, 19, 20, 24, 25, 27, 34, 35, 38, 45, 49, 50}
+LONG = {2, 6, 9, 11, 13, 17, 18, 19, 20, 21, 24, 25, 27, 34, 35, 38, 45, 49, 50, 67, 68, 69, 70, 71}
 """Phenomena whose laws take long at standard fidelity: the suite holds them at draft, the study at all three."""
 
 each_law_at_standard = pytest.mark.parametrize(
@@ -80,6 +80,8 @@ def claims(specimen: Any, lie: float) -> list[Any]:
 
 def finds_out(index: int, law: Law, fidelity: Fidelity, lie: float) -> None:
     run = nominal(index, fidelity)
+    if law.unit is None:
+        lie = max(lie, 1 + 3 * law.within[fidelity.rank])  # what is known to a tenth only rules out what is far off
 
     def false() -> Iterator[Verdict]:
         """Verdicts that ought not all to be "passed", those that cost least first."""
@@ -99,7 +101,7 @@ def finds_out(index: int, law: Law, fidelity: Fidelity, lie: float) -> None:
 
 @each_law
 def test_can_fail_at_draft(index: int, law: Law) -> None:
-    """A lie of 3 %: tolerances at draft are up to 1 %."""
+    """A lie of 3 %, or three times what the law allows, of matter on a grid."""
     finds_out(index, law, DRAFT, 1.03)
 
 
