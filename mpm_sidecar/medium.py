@@ -42,6 +42,9 @@ _LEAST_COST: Final = 1e4
 """What a step costs before it moves anything [particles]."""
 _DEEPEST: Final = 0.25
 """How deep a particle may lie in a body at the start [cell]."""
+_STIRRED: Final = 0.007
+"""ν Δt/Δx² of the method's own viscosity where matter is stirred (Taylor-Green vortices of 32 to 64 cells at 0.1 to 0.5
+m/s: 0.004 to 0.010); where it flows in order it has far less, k² Δx⁴/40 Δt."""
 _SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
 """Largest ρ g H/M of a piece at rest, M Young's modulus or 7 κ: beyond it its own weight squashes it (rule R9)."""
 
@@ -119,7 +122,7 @@ class Medium:
         ]
         sample.overlapping({name: points for name, (points, _, _) in zip(names, filled, strict=True)}, cell)
         bodies = [
-            Body(piece.material, points, volume, velocity)
+            Body(piece.material, points, volume, velocity, piece.spin)
             for piece, (points, velocity, volume) in zip(continuum.pieces, filled, strict=True)
         ]
         start(double)
@@ -136,9 +139,10 @@ class Medium:
             for number, inlet in enumerate(continuum.inlets)
         ]
         most = [len(b.points) + sum(len(p.times) for p in self._pourings if p.piece == i) for i, b in enumerate(bodies)]
-        _refuse(names, bodies, most, self._gravity, cell, duration)
+        _refuse(names, bodies, most, np.where(np.isfinite(continuum.period), 0.0, self._gravity), cell, duration)
         self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=[*self.bearers, *walls],
                              period=continuum.period, double=double)  # fmt: skip
+        self.viscosities = [numerical_viscosity(body, cell) for body in bodies]
         self.most, self.forces = most, np.zeros((model.nbody, 6))
 
     def _place(self, data: Any) -> None:
@@ -271,6 +275,11 @@ def _pouring(
     return _Pouring(number, inlet.start + lasts * u[order, 2], points[order], velocity)
 
 
+def numerical_viscosity(body: Body, cell: float) -> float:
+    """Dynamic viscosity that matter seems to have beside its own where it is stirred, at a cell's side [m] [Pa s]."""
+    return _STIRRED * body.material.density * cell**2 / longest_step([body], cell)
+
+
 def _refuse(
     names: Sequence[str], bodies: Sequence[Body], most: Sequence[int], gravity: Array, cell: float, duration: float
 ) -> None:
@@ -284,6 +293,12 @@ def _refuse(
         if squashed > limit:
             raise Refusal("R9", f"{name!r}: its own weight squashes it by {squashed:.3g}; allowed: {limit:g}, a "
                           f"modulus {squashed / limit:.3g} times as high")  # fmt: skip
+    for name, body in zip(names, bodies, strict=True):
+        own, due = numerical_viscosity(body, cell), body.material.thickness()
+        if isinstance(body.material, Newtonian) and due < own:
+            raise Refusal("R7", f"{name!r}: a dynamic viscosity of {due:.3g} Pa s, less than the method's own at "
+                          f"cells of {cell:.3g} m; allowed: {own:.3g} Pa s, or {own / max(due, 1e-9):.3g} times "
+                          f"as many cells")  # fmt: skip
     work = (sum(most) + _LEAST_COST) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
     if work > _MOST_UPDATES:
         raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m; allowed: {_MOST_UPDATES:.0e}, "

@@ -12,9 +12,8 @@ Source: Y. Hu et al., ACM Trans. Graph. 37 (2018) 150, eq. 16-29 (MLS-MPM); C. J
 Particles lie sorted by blocks of 4³ cells, and so by columns of blocks along z. Columns of one of four colours are a
 column apart, and a particle may drift by a cell before they are sorted again: so columns of one colour scatter side by
 side with plain additions, in an order that no number of threads changes. Only blocks that particles can touch are
-cleared and advanced. The grid's
-nodes are multiples of Δx from the world's origin, wherever it begins and however far it reaches; it grows with the
-motion.
+cleared and advanced. The grid's nodes are multiples of Δx from the world's origin, wherever it begins and however far
+it reaches; it grows with the motion.
 
 Defects: explicit, stable below `longest_step` only; affine velocities damp shear as if by a viscosity, some 10 Pa s at
 Δx = 1/64 m and 1000 kg/m³; what is more than two cells apart has separated; bodies that share a node stick together.
@@ -322,12 +321,16 @@ def _sort(rec: Any, spare: Any, order: Any, first: Any, origin: Any, cells: floa
 
 @dataclass(frozen=True)
 class Body:
-    """A piece of matter: its particles (n, 3) [m], each of a volume [m³], and their velocity, (3,) or (n, 3) [m/s]."""
+    """A piece of matter: its particles (n, 3) [m], each of a volume [m³], and their velocity, (3,) or (n, 3) [m/s].
+
+    spin: at which it turns, as the velocities have it, too [rad/s]: a particle is not a point
+    """
 
     material: Material
     points: Array
     volume: float
     velocity: ArrayLike = (0.0, 0.0, 0.0)
+    spin: ArrayLike = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points)
@@ -352,13 +355,16 @@ def longest_step(bodies: Sequence[Body], dx: float, speed: float = 0.0) -> float
 class _Cloud:
     """The particles of one body as the kernels have them, sorted by block."""
 
-    def __init__(self, body: Body, dtype: Any) -> None:
+    def __init__(self, body: Body, dx: float, dtype: Any) -> None:
         self.material, self.volume = body.material, body.volume
         self.mass = body.volume * body.material.density
         self.records = np.zeros((len(body.points), _width(body.material.state)), dtype)
         self.records[:, :3] = body.points
         self.records[:, _VELOCITY] = body.velocity
         self.records[:, 7] = 1.0
+        for column, axis in enumerate(np.eye(3)):
+            of = _STATE - 12 + 4 * column
+            self.records[:, of : of + 3] = self.mass * dx * np.cross(np.asarray(body.spin, float), axis)
         self.spare = np.empty_like(self.records)
         self.order = np.arange(len(body.points))
         self.begin, self.end = np.zeros((2, 0), np.int32)
@@ -404,7 +410,7 @@ class Solver:
         self._cycle = np.round(cycle).astype(int)
         if not np.allclose(cycle, self._cycle, rtol=0, atol=1e-6) or (self._cycle[self._cycle != 0] < 2 * _SIDE).any():
             raise ValueError(f"period = {self._period} m of cells of {dx} m; allowed: whole cells, {2 * _SIDE} or more")
-        self._clouds = [_Cloud(body, self._type) for body in bodies]
+        self._clouds = [_Cloud(body, dx, self._type) for body in bodies]
         self._clear, self._advance = _grid_kernels(self._real)
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)

@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from .continuum import Piece
 from .run import Run, quaternion_matrix
 from .scene import IMMATERIAL, Matter
+
+if TYPE_CHECKING:
+    from render.surface import Particles
 
 Array = NDArray[np.float64]
 
@@ -26,12 +31,15 @@ HIDDEN = 3
 
 @dataclass(frozen=True)
 class Thing:
-    """A foreground object: its segmentation id (from 1), its name in all files, the body it is, what it is made of."""
+    """A foreground object: its segmentation id (from 1), its name in all files, the body it is, what it is made of.
+
+    matter: of a body its surface and density; a piece of a continuum, which is no body: body is ""
+    """
 
     id: int
     name: str
     body: str
-    matter: Matter
+    matter: Matter | Piece
 
 
 def names(model: Any) -> dict[str, str]:
@@ -47,7 +55,8 @@ def names(model: Any) -> dict[str, str]:
 
 
 def things(run: Run) -> list[Thing]:
-    """Every body with visible matter, in the order of the model: ids are the same in all views, frames and seeds.
+    """Every body with visible matter, in the order of the model, then every piece of a continuum: ids are the same
+    in all views, frames and seeds.
 
     KeyError if a body was built without saying what it is made of.
     """
@@ -60,27 +69,55 @@ def things(run: Run) -> list[Thing]:
             if body not in run.scene.matter:
                 raise KeyError(f"{run.specimen.label}.build says nothing of what body {body!r} is made of")
             found.append(Thing(len(found) + 1, name, body, run.scene.matter[body]))
+    for continuum in run.scene.continua:
+        for piece in continuum.pieces:
+            found.append(Thing(len(found) + 1, piece.name.replace("/", "_"), "", piece))
     return found
 
 
 def geom_ids(run: Run) -> NDArray[np.int32]:
     """Segmentation id of every geom, (ngeom,); 0 is background."""
-    ids = {run.model.body(t.body).id: t.id for t in things(run)}
+    ids = {run.model.body(t.body).id: t.id for t in things(run) if isinstance(t.matter, Matter)}
     return np.array([ids.get(int(body), 0) for body in run.model.geom_bodyid], np.int32)
 
 
-def properties(run: Run) -> dict[str, dict[str, float | str]]:
-    """Segmentation id -> dynamic and static friction, density [kg/m³], restitution (the release's four, by object)."""
-    return {
-        str(t.id): {
-            "name": t.name,
-            "dynamic_friction": t.matter.surface.friction,
-            "static_friction": t.matter.surface.static_friction,
-            "density": t.matter.density,
-            "restitution": t.matter.surface.restitution,
-        }
+def particles(run: Run) -> tuple[Particles, ...]:
+    """The pieces of continua as they are drawn, with the ids of `things`."""
+    from render.surface import Particles
+
+    return tuple(
+        Particles(
+            cloud.position, cloud.stretch, cloud.present, cloud.bulk, t.matter.material.look, t.matter.rgba, t.id
+        )
         for t in things(run)
-    }
+        if isinstance(t.matter, Piece)
+        for cloud in [run.clouds[t.matter.name]]
+    )
+
+
+def properties(run: Run) -> dict[str, dict[str, float | str]]:
+    """Segmentation id -> what an object is made of, SI.
+
+    Of a body, the release's four: dynamic and static friction, density [kg/m³], restitution. Of a piece of a continuum
+    the name of its law and the law's parameters (`physinone_mj.continuum`), its mass [kg], the side of a cell of the
+    grid [m] that it was computed on, and the viscosity that this adds [Pa s].
+    """
+    return {str(t.id): {"name": t.name, **_told(run, t.matter)} for t in things(run)}
+
+
+def _told(run: Run, matter: Matter | Piece) -> dict[str, float | str]:
+    if isinstance(matter, Matter):
+        return {
+            "dynamic_friction": matter.surface.friction,
+            "static_friction": matter.surface.static_friction,
+            "density": matter.density,
+            "restitution": matter.surface.restitution,
+        }
+    law, cloud = matter.material, run.clouds[matter.name]
+    return {
+        "material": type(law).__name__, **vars(law), "mass": float(cloud.mass[-1]), "cell": run.cell,
+        "numerical_viscosity": cloud.numerical_viscosity,
+    }  # fmt: skip
 
 
 def motion(run: Run, fps: int) -> dict[str, Any]:
@@ -88,13 +125,17 @@ def motion(run: Run, fps: int) -> dict[str, Any]:
 
     Locations are centimetres in the world of the camera files (z up, right-handed, no axis flipped). The release's key
     names for rotation and scale are not public; ours: `rotation` (roll, pitch, yaw about x, y, z in degrees, applied in
-    that order), `quaternion` (w first), `scale` (1).
+    that order), `quaternion` (w first), `scale` (1). A piece of a continuum has its centre of mass for an origin, is
+    never turned, and has no entry for frames before any of it is there.
     """
     frames = range(0, len(run), run.stride)
     actors = {}
     for t in things(run):
-        body = run.model.body(t.body).id
-        origin, quaternion = run.motion.origin[:, body], run.motion.quaternion[:, body]
+        if isinstance(t.matter, Piece):
+            origin, quaternion = run.clouds[t.matter.name].centre, np.tile((1.0, 0.0, 0.0, 0.0), (len(run), 1))
+        else:
+            body = run.model.body(t.body).id
+            origin, quaternion = run.motion.origin[:, body], run.motion.quaternion[:, body]
         turns = np.degrees(_roll_pitch_yaw(quaternion[:: run.stride]))
         actors[t.name] = {
             "segmentation_id": t.id,
@@ -109,6 +150,7 @@ def motion(run: Run, fps: int) -> dict[str, Any]:
                     },
                 }
                 for i, k in enumerate(frames)
+                if np.isfinite(origin[k]).all()
             ],
         }
     count = len(frames)
@@ -205,7 +247,14 @@ def frustums(cameras: Sequence[tuple[Array, bool]], fov: float, length: float) -
 
 
 def mesh(run: Run, thing: Thing) -> trimesh.Trimesh:
-    """The object's visible geometry as one triangle mesh, in the axes of its body [m]."""
+    """The object's visible geometry as one triangle mesh, in the axes of its body [m].
+
+    Of a piece of a continuum, its surface in the first frame, about its centre of mass; empty if nothing is there yet.
+    """
+    if isinstance(thing.matter, Piece):
+        own = next(piece for piece in particles(run) if piece.segmentation == thing.id)
+        skin = own.surface(0)
+        return trimesh.Trimesh(skin.points - run.clouds[thing.matter.name].centre[0], skin.triangles, process=False)
     model = run.model
     vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), int)], 0
     for g in np.flatnonzero(model.geom_bodyid == model.body(thing.body).id):
@@ -244,11 +293,11 @@ def dense_flow(
     run: Run, depth: NDArray[np.float32], segmentation: NDArray[np.uint8], poses: tuple[Array, Array],
     samples: tuple[int, int], fov: float,
 ) -> Array:  # fmt: skip
-    """Optical flow (H, W, 2) [pixel] of rigid objects and background, from one recorded sample to another.
+    """Optical flow (H, W, 2) [pixel] of objects, matter and background, from one recorded sample to another.
 
     depth (H, W) [m] and segmentation (H, W) belong to the first; poses: the camera (4, 4) at both. A pixel is carried
-    by the motion of the body it shows, then seen by the second camera. NaN where nothing is hit; what gets hidden on
-    the way keeps the flow it would have.
+    by the motion of the body it shows, or by that of the particles next to it, then seen by the second camera. NaN
+    where nothing is hit; what gets hidden on the way keeps the flow it would have.
     """
     height, width = depth.shape
     focal = 0.5 * width / np.tan(fov / 2)
@@ -259,6 +308,9 @@ def dense_flow(
     world = local @ poses[0][:3, :3].T + poses[0][:3, 3]
     for t in things(run):
         here = segmentation == t.id
+        if isinstance(t.matter, Piece):
+            world[here] = _carried(run, t.matter.name, world[here], samples)
+            continue
         body = run.model.body(t.body).id
         first, second = (quaternion_matrix(run.motion.quaternion[k, body][None])[0] for k in samples)
         start, end = (run.motion.origin[k, body] for k in samples)
@@ -267,3 +319,30 @@ def dense_flow(
     u = width / 2 - focal * seen[..., 0] / seen[..., 2]
     v = height / 2 + focal * seen[..., 1] / seen[..., 2]
     return np.stack([u - np.arange(width) - 0.5, v - np.arange(height)[:, None] - 0.5], axis=-1)
+
+
+NEIGHBOURS = 8
+
+
+def _carried(run: Run, piece: str, points: Array, samples: tuple[int, int]) -> Array:
+    """Where particles near points (N, 3) [m] of a piece's surface at one sample take them by another.
+
+    Between frames a particle goes on as it went at the last one. Of the nearest NEIGHBOURS, a particle at a distance d
+    counts (1 - (d/d₊)²)³, d₊ a tenth beyond the farthest of them.
+    """
+    cloud = run.clouds[piece]
+    there = slice(int(cloud.present[samples[0] // run.stride]))
+
+    def at(sample: int) -> Array:
+        frame = sample // run.stride
+        late = run.t[sample] - run.t[frame * run.stride]
+        return np.asarray(cloud.position[frame, there] + late * cloud.velocity[frame, there], float)
+
+    start, end = (at(sample) for sample in samples)
+    if not len(start) or not len(points):
+        return points
+    distance, near = cKDTree(start).query(points, k=min(NEIGHBOURS, len(start)))
+    distance, near = (np.asarray(found).reshape(len(points), -1) for found in (distance, near))
+    weight = (1 - (distance / (1.1 * distance[:, -1:] + 1e-12)) ** 2) ** 3
+    moved = np.einsum("nk,nki->ni", weight, (end - start)[near])
+    return np.asarray(points + moved / weight.sum(axis=1, keepdims=True))

@@ -147,8 +147,8 @@ class Viscoplastic(_Solid):
 class Granular(_Solid):
     """Sand (PhysInOne supplement, eq. 10-12): Drucker & Prager's cone without cohesion or dilation.
 
-    young [Pa], poisson, density [kg/m³], friction φ [rad]; plane_strain: α = √(2/3) sin φ instead of the printed
-    √(2/3) 2 sin φ/(3 - sin φ), which is that of triaxial compression and makes slopes fail at
+    young [Pa], poisson, density [kg/m³], friction φ [rad]; plane_strain: α = (√2/3) sin φ, Coulomb's in plane strain,
+    instead of the printed √(2/3) 2 sin φ/(3 - sin φ), which is that of triaxial compression and makes slopes fail at
     tan θ = 2√3 sin φ/(3 - sin φ), not tan φ. keeps_volume: what it gains in volume while it is free of stress it loses
     again when it is compressed, before it bears anything (A. P. Tampubolon et al., ACM Trans. Graph. 36 (2017) 105,
     §5).
@@ -170,7 +170,7 @@ class Granular(_Solid):
     def cone(self) -> float:
         """α."""
         sine = math.sin(self.friction)
-        return math.sqrt(2 / 3) * (sine if self.plane_strain else 2 * sine / (3 - sine))
+        return math.sqrt(2) / 3 * sine if self.plane_strain else math.sqrt(2 / 3) * 2 * sine / (3 - sine)
 
     def parameters(self) -> tuple[float, ...]:
         """μ, λ [Pa], α (3 λ + 2 μ)/2μ, 1 if the volume is kept."""

@@ -284,7 +284,7 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
         tendons[wound] = things[coil.body]
         coils.append(raster.Coil(wound, coil.turns, coil.radius, coil.wire, coil.rgba, segmentation=things[coil.body]))
     ids = annotate.geom_ids(run)
-    qpos = run.qpos[:: run.stride]
+    qpos, matter = run.qpos[:: run.stride], annotate.particles(run)
     beams = tuple(
         raster.Beam(optics.trace(run, beam.name).points[:: run.stride], beam.radius, beam.rgba)
         for beam in run.scene.beams
@@ -301,8 +301,9 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
     ) if job.photoreal else None  # fmt: skip
     progress("placing cameras", 0.0)
     blank = film.Footage(
-        model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids), tendon_ids=tendons,
-        coils=tuple(coils), beams=beams, faces=faces, look=look, size=(job.size, job.size),
+        model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids, matter=matter),
+        tendon_ids=tendons, coils=tuple(coils), beams=beams, faces=faces, matter=matter, look=look,
+        size=(job.size, job.size),
         modalities=frozenset(job.modalities),
     )  # fmt: skip
     views = film.plan_views(blank, job.rng(1), count=job.views)
@@ -361,9 +362,14 @@ _SUMS: Final = {
 _PARTICLES: Final = {
     "position": ("m", "of particles, by frame; NaN before they are there"), "velocity": ("m/s", ""),
     "stretch": ("1", "volume by volume at rest, J"), "present": ("1", "how many are there, by frame"),
-    "bulk": ("m3", "volume of a particle at rest"),
 }  # fmt: skip
 """What its particles have at every frame."""
+
+
+_CONSTANTS: Final = {
+    "bulk": ("m3", "volume of a particle at rest"),
+    "numerical_viscosity": ("Pa s", "that the method adds to its own where it is stirred"),
+}  # fmt: skip
 
 
 def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
@@ -379,7 +385,7 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
         yield f"bodies/{name}/linear_velocity", run.velocity(body), "m/s", "of the centre of mass, world axes"
         yield f"bodies/{name}/angular_velocity", run.spin(body), "rad/s", "world axes"
     for name, cloud in run.clouds.items():
-        for key, (unit, about) in (_SUMS | _PARTICLES).items():
+        for key, (unit, about) in (_SUMS | _CONSTANTS | _PARTICLES).items():
             yield f"continua/{name}/{key}", getattr(cloud, key), unit, about
     for number, (name, given) in enumerate(run.pushed.items()):
         yield f"pushed/{number}", given, "N s, N m s", f"impulse and its moment that matter gave to {name} so far"
@@ -509,15 +515,15 @@ def _read_cloud(get: Callable[..., Any], name: str, samples: int, frames: int) -
 
     sums = {key: read(key, samples) for key in ("mass", "kinetic", "elastic", "volume")}
     sums |= {key: read(key, samples, 3) for key in ("centre", "momentum", "turning", "low", "high")}
+    sums |= {key: float(read(key)) for key in _CONSTANTS}
     if not frames:
         nothing = np.zeros((0, 0, 3), np.float32)
         return Cloud(**sums, position=nothing, velocity=nothing, stretch=nothing[..., 0],
-                     present=np.zeros(0, np.int64), bulk=float("nan"))  # fmt: skip
+                     present=np.zeros(0, np.int64))  # fmt: skip
     position = read("position", frames, None, 3)
     count = position.shape[1]
     return Cloud(**sums, position=position, velocity=read("velocity", frames, count, 3),
-                 stretch=read("stretch", frames, count), present=read("present", frames),
-                 bulk=float(read("bulk")))  # fmt: skip
+                 stretch=read("stretch", frames, count), present=read("present", frames))  # fmt: skip
 
 
 def verify(folder: Path) -> Report:

@@ -52,6 +52,7 @@ class Cloud:
     around it [m]
     particles: position, velocity (F, n, 3) single precision [m, m/s], stretch (F, n): J; present (F,): how many of the
     n are there yet (an inlet adds to them); bulk: volume of one particle at rest [m³]
+    numerical_viscosity: dynamic viscosity that the method adds to its own where it is stirred [Pa s]
     """
 
     mass: Array
@@ -68,6 +69,7 @@ class Cloud:
     stretch: NDArray[np.float32]
     present: NDArray[np.int64]
     bulk: float
+    numerical_viscosity: float
 
 
 @dataclass(frozen=True)

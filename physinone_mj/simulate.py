@@ -537,7 +537,7 @@ class Film:
             piece.name: Cloud(
                 **self._sums[number], position=self._seen[number][..., :3], velocity=self._seen[number][..., 3:6],
                 stretch=self._seen[number][..., 6], present=self._present[number],
-                bulk=medium.solver.bodies[i].volume,
+                bulk=medium.solver.bodies[i].volume, numerical_viscosity=medium.viscosities[i],
             )
             for number, (medium, i, piece) in enumerate(self._pieces)
         }  # fmt: skip

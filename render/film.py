@@ -19,7 +19,7 @@ import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +34,7 @@ from render.mirrors import Face
 from render.photoreal import Look, Studio
 from render.raster import Beam, Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
+from render.surface import Particles
 
 Array = NDArray[np.float64]
 Info = dict[str, str | bool]
@@ -91,6 +92,7 @@ class Footage:
         coils: springs and ropes drawn in place of their tendons.
         beams: of light, each with a path for every frame.
         faces: that are flat mirrors, and show the scene.
+        matter: pieces of continua, with particles for every frame.
         look: how paths are traced for the colour pictures; None: they are the rasteriser's.
         size: (W, H) [pixel].
         fov: horizontal field of view [rad].
@@ -111,6 +113,7 @@ class Footage:
     coils: tuple[Wire, ...] = ()
     beams: tuple[Beam, ...] = ()
     faces: tuple[Face, ...] = ()
+    matter: tuple[Particles, ...] = ()
     look: Look | None = None
     size: tuple[int, int] = SIZE
     fov: float = FOV
@@ -129,6 +132,9 @@ class Footage:
         for beam in self.beams:
             if len(beam.points) != frames:
                 raise ValueError(f"a beam must have {frames} paths, got {len(beam.points)}")
+        for piece in self.matter:
+            if len(piece) != frames:
+                raise ValueError(f"a piece of matter must have particles for {frames} frames, got {len(piece)}")
         for view in self.views:
             if view.poses.shape not in ((4, 4), (frames, 4, 4)):
                 raise ValueError(f"view {view.name!r} must be (4, 4) or ({frames}, 4, 4), got {view.poses.shape}")
@@ -144,7 +150,20 @@ class Footage:
             None if self.mocap_pos is None else self.mocap_pos[frame],
             None if self.mocap_quat is None else self.mocap_quat[frame],
             [beam.at(frame) for beam in self.beams],
+            [layer for piece in self.matter for layer in piece.at(frame)],
         )
+
+    def part(self, frames: Sequence[int]) -> Footage:
+        """Some of its frames, renumbered from 0, with poses of moving views to match."""
+        some = list(frames)
+        views = tuple(v if v.poses.ndim == 2 else View(v.name, v.poses[some]) for v in self.views)
+        return replace(
+            self, qpos=self.qpos[some], views=views,
+            mocap_pos=None if self.mocap_pos is None else self.mocap_pos[some],
+            mocap_quat=None if self.mocap_quat is None else self.mocap_quat[some],
+            beams=tuple(replace(beam, points=beam.points[some]) for beam in self.beams),
+            matter=tuple(piece.part(some) for piece in self.matter),
+        )  # fmt: skip
 
     def raster(self, size: tuple[int, int], **quality: int) -> Raster:
         """A raster of this model at another size; see :class:`render.raster.Raster` for `quality`."""
@@ -173,10 +192,11 @@ def swept_sphere(
     *,
     mocap_pos: Array | None = None,
     mocap_quat: Array | None = None,
+    matter: Collection[Particles] = (),
     subject: Collection[int] | None = None,
     margin: float = 0.05,
 ) -> Sphere:
-    """Event sphere of a motion: holds the bounding box of every geom of the subject at up to 128 frames.
+    """Event sphere of a motion: holds the bounding box of every geom of the subject at up to 128 frames, and matter.
 
     Args:
         model: compiled model.
@@ -184,19 +204,22 @@ def swept_sphere(
         ids: (ngeom,) segmentation ids.
         mocap_pos: (T, nmocap, 3) or None.
         mocap_quat: (T, nmocap, 4) or None.
+        matter: pieces of continua, with particles for T frames.
         subject: segmentation ids to hold; None is all above 0, whether they move or stand. Planes have no box.
         margin: fraction added to the radius.
 
     Raises:
-        ValueError: the subject has no geom.
+        ValueError: the subject has no geom and no matter.
     """
     wanted = np.asarray(ids) > 0 if subject is None else np.isin(ids, list(subject))
     chosen = np.flatnonzero(wanted & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE.value))
-    if len(chosen) == 0:
+    pieces = [piece for piece in matter if subject is None or piece.segmentation in subject]
+    if len(chosen) == 0 and not pieces:
         raise ValueError("no geom has an id of the subject: nothing to film")
     data = mujoco.MjData(model)
     points = []
     for frame in _sample(len(qpos), 128):
+        points += [piece.extremes(frame) for piece in pieces]
         data.qpos[:] = qpos[frame]
         if mocap_pos is not None:
             data.mocap_pos[:] = mocap_pos[frame]
@@ -218,15 +241,17 @@ def plan_views(
         footage: what will be filmed; its `views` are not read.
         rng: source of randomness; one child is spawned from it.
         count: number of static cameras.
-        subject: segmentation ids that have to be seen; None is what can move.
+        subject: segmentation ids that have to be seen; None is what can move, and all matter.
 
     Raises:
         NoClearView: the subject cannot be seen from enough places.
         NoGL: there is no driver.
         WorkerFailed: the drawing process died.
     """
-    seen = frozenset(movable(footage.model, footage.ids) if subject is None else subject)
-    task = functools.partial(_plan, footage, rng.spawn(1)[0], count, seen)
+    own = frozenset(piece.segmentation for piece in footage.matter)
+    seen = movable(footage.model, footage.ids) | own if subject is None else frozenset(subject)
+    frames = _sample(len(footage.qpos), TRIAL_FRAMES)
+    task = functools.partial(_plan, footage.part(frames), frames, len(footage.qpos), rng.spawn(1)[0], count, seen)
     return _run([task], None)[0]
 
 
@@ -284,7 +309,9 @@ def shoot(
     for view, kind in itertools.product(footage.views, footage.modalities):
         (folder / view.name / kind).mkdir(parents=True, exist_ok=True)
     parts = min(workers or len(os.sched_getaffinity(0)), frames)
-    tasks = [functools.partial(_draw, footage, folder, _share(footage, part, parts)) for part in range(parts)]
+    # decided by the whole footage, not by a part of it: else pictures would depend on the number of workers
+    stills = frames >= FEWEST_FOR_STILLS
+    tasks = [functools.partial(_draw, *_share(footage, part, parts), folder, stills) for part in range(parts)]
     return _run(tasks, progress)[0]
 
 
@@ -293,19 +320,21 @@ def _sample(frames: int, most: int) -> list[int]:
 
 
 def _plan(
-    footage: Footage, rng: np.random.Generator, count: int, subject: frozenset[int], report: Callable[[int], None]
-) -> tuple[View, ...]:
-    frames = _sample(len(footage.qpos), TRIAL_FRAMES)
+    footage: Footage, frames: Sequence[int], total: int, rng: np.random.Generator, count: int, subject: frozenset[int],
+    report: Callable[[int], None],
+) -> tuple[View, ...]:  # fmt: skip
+    """Views of a footage of so many frames in total, of which some are given, and their numbers."""
+    given = range(len(frames))
     width, height = footage.size
     with footage.raster((TRIAL, max(1, round(TRIAL * height / width))), samples=0, shadow=0) as raster:
 
         def clear(pose: Array) -> bool:
-            return subject_visible(raster, footage, pose, subject, frames)
+            return subject_visible(raster, footage, pose, subject, given)
 
         statics = static_views(rng, footage.sphere, count, clear=clear, fov=footage.fov, size=footage.size)
         for _ in range(32):
-            poses = moving_view(rng, footage.sphere, len(footage.qpos), fov=footage.fov, size=footage.size)
-            if all(subject_visible(raster, footage, poses[frame], subject, [frame]) for frame in frames):
+            poses = moving_view(rng, footage.sphere, total, fov=footage.fov, size=footage.size)
+            if all(subject_visible(raster, footage, poses[frames[i]], subject, [i]) for i in given):
                 break
         else:
             raise NoClearView("no moving camera keeps the event in view: 32 trajectories tried")
@@ -314,44 +343,56 @@ def _plan(
     return (*named, View("CineCamera_Moving", poses))
 
 
-def _share(footage: Footage, part: int, parts: int) -> list[tuple[View, int]]:
-    """The views and frames that fall to one of several processes.
+def _share(footage: Footage, part: int, parts: int) -> tuple[Footage, Sequence[int], list[tuple[int, int]]]:
+    """What falls to one of several processes: a footage, the numbers of its frames, its views and frames to be drawn.
 
     Standing views are cut into contiguous pieces, so that few processes draw the same view's background; moving ones,
-    which cost more, are dealt out frame by frame.
+    which cost more, are dealt out frame by frame. Of matter, whose surface costs as much as some views of it, each
+    process has frames of its own, in all views.
     """
-    frames = range(len(footage.qpos))
-    stand = [(view, frame) for view in footage.views if view.poses.ndim == 2 for frame in frames]
-    move = [(view, frame) for view in footage.views if view.poses.ndim == 3 for frame in frames]
-    return stand[len(stand) * part // parts : len(stand) * (part + 1) // parts] + move[part::parts]
+    total, views = range(len(footage.qpos)), range(len(footage.views))
+    if footage.matter:
+        frames = total[part::parts]
+        return footage.part(frames), frames, [(view, i) for i in range(len(frames)) for view in views]
+    moving = [footage.views[view].poses.ndim == 3 for view in views]
+    stand = [(view, frame) for view in views if not moving[view] for frame in total]
+    move = [(view, frame) for view in views if moving[view] for frame in total]
+    own = stand[len(stand) * part // parts : len(stand) * (part + 1) // parts] + move[part::parts]
+    return footage, total, own
 
 
-def _draw(footage: Footage, folder: Path, shots: list[tuple[View, int]], report: Callable[[int], None]) -> Info:
+def _draw(
+    footage: Footage, frames: Sequence[int], shots: list[tuple[int, int]], folder: Path, stills: bool,
+    report: Callable[[int], None],
+) -> Info:  # fmt: skip
     with footage.raster(footage.size) as raster, _encoder() as encode:
-        # decided by the whole footage, not by this part of it: else pictures would depend on the number of workers
-        worthwhile = len(footage.qpos) >= FEWEST_FOR_STILLS and raster.separable()
-        kind = Still if worthwhile else Free
+        kind = Still if stills and raster.separable() else Free
         studio = Studio(raster, footage.look) if footage.look else None
-        numbers = {view.name: number for number, view in enumerate(footage.views)}
-        for _, group in itertools.groupby(shots, key=lambda shot: shot[0].name):
-            camera: Free | None = None
-            for view, frame in group:
-                footage.put(raster, frame)
-                if view.poses.ndim == 3:
-                    camera = Free(raster, view.at(frame))
-                elif camera is None:
-                    camera = kind(raster, view.poses)
-                place = folder / view.name
-                if "rgb" in footage.modalities:
-                    picture = studio.colour(view.at(frame), (numbers[view.name], frame)) if studio else camera.colour()
-                    encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", picture)
-                if footage.modalities & {"depth", "seg"}:
-                    depth, seg = camera.depth_and_segmentation()
-                    if "depth" in footage.modalities:
-                        encode(write_depth, place / "depth" / f"{frame:04d}.npz", depth)
-                    if "seg" in footage.modalities:
-                        encode(write_segmentation, place / "seg" / f"{frame:04d}.npz", seg)
-                report(1)
+        last = {number: shot for shot, (number, _) in enumerate(shots)}
+        cameras: dict[int, Free] = {}
+        posed = -1
+        for shot, (number, i) in enumerate(shots):
+            view, frame = footage.views[number], frames[i]
+            if i != posed:
+                footage.put(raster, i)
+                posed = i
+            if view.poses.ndim == 3:
+                cameras[number] = Free(raster, view.at(i))
+            elif number not in cameras:
+                cameras[number] = kind(raster, view.poses)
+            camera, place = cameras[number], folder / view.name
+            if "rgb" in footage.modalities:
+                picture = studio.colour(view.at(i), (number, frame)) if studio else camera.colour()
+                encode(write_rgb, place / "rgb" / f"{frame:04d}.jpg", picture)
+            if footage.modalities & {"depth", "seg"}:
+                depth, seg = camera.depth_and_segmentation()
+                if "depth" in footage.modalities:
+                    encode(write_depth, place / "depth" / f"{frame:04d}.npz", depth)
+                if "seg" in footage.modalities:
+                    encode(write_segmentation, place / "seg" / f"{frame:04d}.npz", seg)
+            if shot == last[number]:
+                del cameras[number]  # and its backgrounds
+            report(1)
         return raster.info() | ({"photoreal": studio.info()} if studio else {})
 
 

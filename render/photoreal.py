@@ -15,8 +15,8 @@ filling light, which the sky makes superfluous. Of a material, colour, texture, 
 specular of 0.55 on it is a metal.
 
 Defects: three colours, no spectrum, so glass does not disperse. Caustics are seen directly, not again in a mirror or
-through glass; those of the sun take what makes them to be as large as its convex outline, and all of it in the sun if
-its middle is. A lamp's opening hides the caustics behind it. Beams light nothing.
+through glass, nor in translucent matter; those of the sun take what makes them to be as large as its convex outline,
+and all of it in the sun if its middle is. A lamp's opening hides the caustics behind it. Beams light nothing.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from render import shapes
 from render.mirrors import REFLECTIVITY
 from render.raster import FAR, HIDDEN, IMMATERIAL, SPOT, Coil, Raster
 from render.shapes import Mesh
+from render.surface import Layer
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,10 @@ PALE: Final = 0.3
 
 METAL: Final = 0.55
 """Specular of a material from which it is a metal."""
+
+PASSING: Final = 0.5
+"""Part of the light that a translucent surface does not hold back that passes it; the rest is scattered: no light from
+the sun is found through a surface that refracts it."""
 
 LONGEST: Final = 16
 """Edges of a path of light, at most."""
@@ -171,7 +176,7 @@ class Studio:
 
     def matter(self, *, black: bool = False) -> dict[str, Any]:
         """All matter at the raster's pose, for a Mitsuba scene: shapes "geom<i>" and "geom<i>/<part>", "tendon<i>",
-        "wire<i>". `black`: mirrors and glass as they are, all else dark."""
+        "wire<i>", "layer<i>". `black`: mirrors and glass as they are, all else dark."""
         model, data, found = self.raster.model, self.raster.data, {}
         for geom in range(model.ngeom):
             if model.geom_group[geom] in (HIDDEN, IMMATERIAL) or self._rgba(geom)[3] == 0:
@@ -189,7 +194,26 @@ class Studio:
             found[f"wire{number}"] = self._mesh(
                 shapes.tube(path, wire.wire), self._plain(wire.rgba, polish, polish, black)
             )
+        for number, layer in enumerate(self.raster.layers):
+            if not layer.inside:
+                found[f"layer{number}"] = self._mesh(layer.mesh, self._stuff(layer, black))
         return found
+
+    def _stuff(self, layer: Layer, black: bool) -> Any:
+        """What a piece of a continuum is made of; what is translucent lets some light in and out again, tinted."""
+        if black:
+            return self._plain((*layer.rgba[:3], 1.0), 0.0, 0.0, True)
+        if (key := (layer.rgba, layer.finish)) not in self._materials:
+            finish = layer.finish
+            surface: dict[str, Any] = {
+                "type": "principled", "base_color": self._paint(layer.rgba, -1), "roughness": finish.roughness,
+                "specular": 0.5, "clearcoat": finish.coat, "clearcoat_gloss": 0.95,
+                "spec_trans": PASSING * (1 - layer.rgba[3]),
+            }  # fmt: skip
+            self._materials[key] = self._mi.load_dict(
+                {"type": "twosided", "bsdf": surface} if layer.rgba[3] == 1 else surface
+            )
+        return self._materials[key]
 
     def _ropes(self, group: int = 0) -> Iterator[tuple[int, Array]]:
         """Tendons of a group that are drawn as they are, and their paths."""

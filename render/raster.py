@@ -21,7 +21,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import accumulate, pairwise, product
 from types import TracebackType
 from typing import Self, TypeAlias
 
@@ -35,6 +35,7 @@ from render.egl import Context
 from render.encode import SKY
 from render.mirrors import Eye, Face, Image, Mirror, Share, Window
 from render.rig import FOV, Sphere, focal, project
+from render.surface import Layer
 
 HIDDEN, IMMATERIAL = 3, 4
 LAST_ID = 254
@@ -227,6 +228,25 @@ class Line:
     rgba: tuple[float, float, float, float]
 
 
+ROOM_FOR_LAYERS = 1000
+ROOM_FOR_TRIANGLES = 2**24
+"""MuJoCo counts the triangles of a slice in single precision."""
+
+
+def _canvas(triangles: int) -> mujoco.MjModel:
+    """A model whose scenes have room for so many triangles, which follow from nothing in it.
+
+    MuJoCo draws deformables from arrays in the scene, corner by corner, in slices; how much they hold is decided by the
+    model that the scene is made for. In this one a triangle is there many times over, and is never posed.
+    """
+    spec = mujoco.MjSpec()
+    spec.add_flex(
+        name="canvas", dim=2, radius=1e-3, vertbody=["world"] * 3, vert=[0, 0, 0, 1, 0, 0, 0, 1, 0],
+        elem=[0, 1, 2] * math.ceil(triangles / 2),
+    )  # fmt: skip
+    return spec.compile()
+
+
 class Raster:
     """Draws one model; owns a copy of it, its pose, and two OpenGL contexts' worth of buffers.
 
@@ -282,6 +302,8 @@ class Raster:
         self._data = mujoco.MjData(self._model)
         self._wires: list[tuple[Wire, NDArray[np.float64]]] = []
         self._lines: tuple[Line, ...] = ()
+        self._layers: tuple[Layer, ...] = ()
+        self._only: frozenset[int] | None = None
         self._lit = True
         self._hidden_coils: frozenset[int] = frozenset()
         self._moving = moving_geoms(model)
@@ -294,20 +316,12 @@ class Raster:
         suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
         self._quality = samples, suited if shadow is None else shadow
         self._colour, self._matter = self._buffers(*self._quality), self._buffers(0, 0)
-        room = model.ngeom + segments + 64 * model.ntendon + 1000 + ROOM_FOR_BEAMS
-        self._colour_scene, self._matter_scene = (mujoco.MjvScene(self._model, maxgeom=room) for _ in range(2))
-        flags = self._matter_scene.flags
-        flags[:] = 0
-        for flag in (
-            mujoco.mjtRndFlag.mjRND_SEGMENT,
-            mujoco.mjtRndFlag.mjRND_IDCOLOR,
-            mujoco.mjtRndFlag.mjRND_CULL_FACE,
-        ):
-            flags[flag] = 1
+        self._room = model.ngeom + segments + 64 * model.ntendon + 1000 + ROOM_FOR_BEAMS + ROOM_FOR_LAYERS
+        self._room_for_triangles = 0
+        self._make_scenes(self._model)
         self._colour_options, self._matter_options = _options(HIDDEN), _options(HIDDEN, IMMATERIAL)
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_USER
-        self._slots = {id(scene): scene.geoms for scene in (self._colour_scene, self._matter_scene)}
         self._lut: NDArray[np.uint8] | None = None
         self._mirrors: tuple[Mirror, ...] = ()
         self.pose(self._data.qpos)
@@ -318,9 +332,10 @@ class Raster:
         mocap_pos: ArrayLike | None = None,
         mocap_quat: ArrayLike | None = None,
         lines: Collection[Line] = (),
+        layers: Collection[Layer] = (),
     ) -> None:
         """Move the model: `qpos` (nq,), where it has mocap bodies `mocap_pos` (nmocap, 3) and `mocap_quat`; `lines`:
-        the beams of this moment."""
+        the beams, `layers`: the pieces of continua of this moment."""
         model, data = self._model, self._data
         data.qpos[:] = qpos
         if mocap_pos is not None:
@@ -337,6 +352,7 @@ class Raster:
             for coil, (first, last) in zip(self.coils, self._ends, strict=True)
         ]
         self._lines = tuple(line for line in lines if len(line.points) > 1)
+        self._lay(tuple(layer for layer in layers if len(layer.mesh.triangles)))
         places = []
         for face in self._faces:
             body = model.geom_bodyid[face.geom]
@@ -386,12 +402,12 @@ class Raster:
             wanted = list(ids)
             coils = [coil for coil in self.coils if coil.segmentation in ids]
             self._show(np.isin(self._ids, wanted), np.isin(self._tendon_ids, wanted), coils)
-        self._lit = ids is None
+        self._lit, self._only = ids is None, None if ids is None else frozenset(ids)
 
     def show_static(self) -> None:
         """Hide all that can move, in every later picture, until `show_only(None)`."""
         self._show(~self._moving, np.zeros(len(self._tendon_ids), bool), ())
-        self._lit = False
+        self._lit, self._only = False, frozenset()
 
     def separable(self) -> bool:
         """Whether what moves changes the picture only where it is and where its shadow can fall.
@@ -442,6 +458,11 @@ class Raster:
     def data(self) -> mujoco.MjData:
         """Its pose."""
         return self._data
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The pieces of continua at this pose."""
+        return self._layers
 
     @property
     def wires(self) -> list[tuple[Wire, NDArray[np.float64]]]:
@@ -521,8 +542,50 @@ class Raster:
         for coil, wire in self._wires:
             if coil.tendon not in self._hidden_coils:
                 _draw_wire(scene, self._slots[id(scene)], coil, wire)
+        for first, layer in self._shown():
+            _draw_layer(scene, self._slots[id(scene)], first, layer)
         if scene is self._colour_scene:
             self._draw_lines(scene)
+
+    def _shown(self) -> list[tuple[int, Layer]]:
+        """Layers that are not hidden, and where their triangles begin."""
+        firsts = accumulate((len(layer.mesh.triangles) for layer in self._layers), initial=0)
+        both = zip(firsts, self._layers, strict=False)
+        return [(first, layer) for first, layer in both if self._only is None or layer.segmentation in self._only]
+
+    def _make_scenes(self, model: mujoco.MjModel) -> None:
+        self._colour_scene, self._matter_scene = (mujoco.MjvScene(model, maxgeom=self._room) for _ in range(2))
+        flags = self._matter_scene.flags
+        flags[:] = 0
+        for flag in (
+            mujoco.mjtRndFlag.mjRND_SEGMENT,
+            mujoco.mjtRndFlag.mjRND_IDCOLOR,
+            mujoco.mjtRndFlag.mjRND_CULL_FACE,
+        ):
+            flags[flag] = 1
+        for scene in (self._colour_scene, self._matter_scene):
+            scene.flexskinopt = 1  # triangles as they are, neither edges nor points
+        self._slots = {id(scene): scene.geoms for scene in (self._colour_scene, self._matter_scene)}
+
+    def _lay(self, layers: tuple[Layer, ...]) -> None:
+        """Write the triangles of layers into both scenes."""
+        self._layers = layers
+        total = sum(len(layer.mesh.triangles) for layer in layers)
+        if len(layers) > ROOM_FOR_LAYERS or total > ROOM_FOR_TRIANGLES:
+            raise ValueError(f"{len(layers)} layers of matter with {total} triangles; allowed: {ROOM_FOR_LAYERS} with "
+                             f"{ROOM_FOR_TRIANGLES}")  # fmt: skip
+        if total > self._room_for_triangles:
+            self._room_for_triangles = 2 * total
+            self._make_scenes(_canvas(self._room_for_triangles))
+        first = 0
+        for layer in layers:
+            corners = layer.mesh.triangles.ravel()
+            part = slice(3 * first, 3 * (first + len(corners)))
+            points, normals = (values.astype(np.float32)[corners].ravel()
+                               for values in (layer.mesh.points, layer.mesh.normals))  # fmt: skip
+            for scene in (self._colour_scene, self._matter_scene):
+                scene.flexface[part], scene.flexnormal[part] = points, normals
+            first += len(corners)
 
     def _draw_lines(self, scene: mujoco.MjvScene) -> None:
         for line in self._lines if self._lit else ():
@@ -646,6 +709,9 @@ class Raster:
             path = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
             width = 2 * model.tendon_width[tendon]
             points += [path - width, path + width]
+        for layer in self._layers:
+            low, high = layer.mesh.points.min(axis=0), layer.mesh.points.max(axis=0)
+            points.append(np.stack(np.meshgrid(*np.stack([low, high], axis=1)), axis=-1).reshape(-1, 3))
         bodies = np.concatenate(points)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE.value
         depths = [data.geom_xpos[plane & seen, 2], geom_corners(model, data, np.flatnonzero(seen & ~plane))[:, 2]]
@@ -666,7 +732,8 @@ class Raster:
                 table[geom.segid + 1] = known[geom.objtype][geom.objid]
         shown = [(coil, wire) for coil, wire in self._wires if coil.tendon not in self._hidden_coils]
         wires = [coil.segmentation for coil, wire in shown for _ in wire[1:]]
-        table[len(table) - len(wires) :] = wires
+        own = wires + [layer.segmentation for _, layer in self._shown()]
+        table[len(table) - len(own) :] = own
         return table
 
     def _metres(self, z: NDArray[np.float32], nearest: float) -> NDArray[np.float32]:
@@ -804,6 +871,18 @@ def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Wire, 
         geom.specular, geom.shininess = (0.6, 0.6) if isinstance(coil, Coil) else (0.1, 0.1)
         geom.segid = scene.ngeom
         scene.ngeom += 1
+
+
+def _draw_layer(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], first: int, layer: Layer) -> None:
+    geom, colour = slots[scene.ngeom], np.array(layer.rgba, np.float32)
+    part = np.array([1e-3, first, len(layer.mesh.triangles)])
+    mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_FLEX, part, np.zeros(3), np.eye(3).ravel(), colour)
+    geom.category, geom.objtype = mujoco.mjtCatBit.mjCAT_DYNAMIC, mujoco.mjtObj.mjOBJ_FLEX
+    geom.objid = geom.dataid = 0
+    geom.matid = -1
+    geom.specular, geom.shininess = layer.finish.specular, layer.finish.shininess
+    geom.segid = scene.ngeom
+    scene.ngeom += 1
 
 
 def _draw_line(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], line: Line) -> None:

@@ -1,0 +1,98 @@
+"""What is flattened and stays flat against programs that only look like it."""
+
+from __future__ import annotations
+
+import dataclasses
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from phenomena.p68_plasticine_deform import PlasticineFall
+from physinone_mj.base import Refusal
+from physinone_mj.continuum import Elastic, Plasticine
+from physinone_mj.fidelity import DRAFT
+from physinone_mj.run import Run
+from physinone_mj.scene import Scene
+from physinone_mj.simulate import build, simulate_specimen
+
+from ..conftest import nominal
+from .verdicts import failed, judge_random
+
+LAYER = "a_layer_clings_to_a_slope_if_it_is_thin"
+ROD = "a_rod_is_shortened_as_by_taylor_s_impact"
+
+
+def seen(cls: type[PlasticineFall] = PlasticineFall, **values: Any) -> Run:
+    return simulate_specimen(cls.make(**values), fidelity=DRAFT)
+
+
+class Weaker(PlasticineFall, domain="fluids"):
+    """τ_Y taken for √(3/2) of the norm's threshold, as some codes do."""
+
+    def build(self, scene: Scene) -> None:
+        super().build(scene)
+        for continuum in scene.continua:
+            for i, piece in enumerate(continuum.pieces):
+                given = piece.material
+                assert isinstance(given, Plasticine)
+                weak = dataclasses.replace(given, yield_stress=sqrt(2 / 3) * given.yield_stress)
+                continuum.pieces[i] = dataclasses.replace(piece, material=weak)
+
+
+class Springy(PlasticineFall, domain="fluids"):
+    """Rubber."""
+
+    def build(self, scene: Scene) -> None:
+        super().build(scene)
+        for continuum in scene.continua:
+            for i, piece in enumerate(continuum.pieces):
+                rubber = Elastic(piece.material.young, self.poisson, self.density)  # type: ignore[attr-defined]
+                continuum.pieces[i] = dataclasses.replace(piece, material=rubber)
+
+
+def test_a_missing_factor_is_found_out() -> None:
+    """68g: √2 and √1.5, the catalogue's (c). About 8 s."""
+    broken = failed(seen(Weaker, setup="thick layer"))
+    assert LAYER in broken
+
+
+def test_rubber_is_found_out() -> None:
+    """68c: it is as long again afterwards. About 5 s."""
+    assert ROD in failed(seen(Springy, setup="rod"))
+
+
+def test_the_shape_at_rest_is_there_to_stay() -> None:
+    """68f: the catalogue's (a), a damped elastic lump, would rise again: in the last half second nothing changes by
+    more than 1 %, and it is lower and wider than it was. With the nominal run."""
+    run = nominal(68, DRAFT)
+    cloud = run.clouds["matter"]
+    sides = cloud.high - cloud.low
+    late = sides[run.t > run.t[-1] - 0.5]
+    assert np.ptp(late, axis=0) == pytest.approx(np.zeros(3), abs=0.01 * sides[0, 2])
+    assert sides[-1, 2] < 0.8 * sides[0, 2]
+    assert sides[-1, 0] > 1.2 * sides[0, 0]
+    assert cloud.kinetic[-1] < 1e-3 * cloud.kinetic.max()
+
+
+@pytest.mark.slow
+def test_the_stronger_the_higher_it_stays() -> None:
+    """68: the catalogue's (b)."""
+    heights = [seen(yield_stress=strength).clouds["matter"].high[-1, 2] for strength in (800.0, 2500.0, 8000.0)]
+    assert heights[0] < 0.8 * heights[1] < 0.7 * heights[2]
+
+
+@pytest.mark.parametrize(
+    ("values", "rule"), [({"young": 1e4, "drop": 0.5}, "R9"), ({"young": 4e4, "yield_stress": 1e4}, "R12")]
+)
+def test_what_is_no_plasticine_is_refused(values: dict[str, float], rule: str) -> None:
+    with pytest.raises(Refusal, match="allowed") as told:
+        build(PlasticineFall.make(**values))
+    assert told.value.rule == rule
+
+
+@pytest.mark.slow
+def test_random_specimens() -> None:
+    decided = judge_random(PlasticineFall, count=5)
+    assert all(decided.values()), decided

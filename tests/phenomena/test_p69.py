@@ -1,0 +1,134 @@
+"""Honey against fluids that only look like it."""
+
+from __future__ import annotations
+
+from math import gamma, pi, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mpm_sidecar import sample
+from phenomena.p69_newtonian_spread import CENTRE, NewtonianFluidFall
+from phenomena.pours import STROKE, WORD, form
+from physinone_mj.base import Refusal
+from physinone_mj.continuum import Letters, Newtonian
+from physinone_mj.fidelity import DRAFT
+from physinone_mj.run import Run
+from physinone_mj.simulate import build, simulate_specimen
+
+from .verdicts import judge_random
+
+SHAPES = ("cube", "ball", "cylinder", "torus", "letters")
+
+
+def run(cls: type[NewtonianFluidFall] = NewtonianFluidFall, **values: Any) -> Run:
+    return simulate_specimen(cls.make(**values), fidelity=DRAFT)
+
+
+def verdict(made: Run, law: str) -> str:
+    return made.specimen.laws()[law].judge(made.specimen, made).verdict
+
+
+class TwiceAsThick(NewtonianFluidFall, domain="fluids"):
+    """μ is taken for the dynamic viscosity."""
+
+    def soft(self, depth: float) -> Newtonian:
+        honest = super().soft(depth)
+        return Newtonian(2 * honest.viscosity, honest.bulk, honest.density)
+
+
+class Water(NewtonianFluidFall, domain="fluids"):
+    """Only the grid damps it."""
+
+    def soft(self, depth: float) -> Newtonian:
+        honest = super().soft(depth)
+        return Newtonian(0.0, honest.bulk, honest.density)
+
+
+def test_the_factor_two_is_found_out() -> None:
+    assert verdict(run(TwiceAsThick, setup="film"), "film_flows_as_a_parabola") == "failed"
+
+
+def test_a_fluid_without_viscosity_is_found_out() -> None:
+    assert verdict(run(Water, setup="film"), "film_flows_as_a_parabola") == "failed"
+
+
+@pytest.mark.slow
+def test_currents_without_viscosity_are_found_out() -> None:
+    made = run(Water, setup="current")
+    assert verdict(made, "current_spreads_as_the_fifth_root_of_time") == "failed"
+    assert verdict(made, "viscosity_sets_the_clock") == "failed"
+
+
+@pytest.mark.parametrize("word", SHAPES)
+def test_forms_are_as_large_as_they_say(word: str) -> None:
+    made = form(word, 0.1)
+    assert made.thin == pytest.approx(sample.thickness(made.shape), rel=2e-2)
+    if made.volume is None:
+        assert isinstance(made.shape, Letters)
+        assert made.shape.text == WORD
+        assert pytest.approx(0.22 / 1.22, abs=2e-3) == STROKE
+    else:
+        assert made.volume == pytest.approx(sample.volume(made.shape), rel=1e-9)
+
+
+@pytest.mark.parametrize("onto", ["floor", "slope", "dome", "block"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_all_can_fall_on_all(onto: str, shape: str) -> None:
+    """The lowest point is a drop above what is below, or more where that slopes."""
+    specimen = NewtonianFluidFall.make(onto=onto, shape=shape)
+    scene = build(specimen)
+    (piece,) = scene.continua[0].pieces
+    assert piece.position[2] - specimen.form.half - specimen.top >= specimen.drop - 1e-12
+    assert 2 <= scene.duration <= 15
+    assert scene.spec.compile().ngeom >= 1
+
+
+def test_the_centre_of_the_similarity_solution() -> None:
+    s = (np.arange(100000) + 0.5) / 100000
+    shape = (1 - s**2) ** (1 / 3)
+    assert (s * shape).mean() / shape.mean() == pytest.approx(CENTRE, rel=1e-4)
+    # Huppert's eq. 2.22 from his eq. 2.13
+    front = (0.2 * 0.3 ** (1 / 3) * sqrt(pi) * gamma(1 / 3) / gamma(5 / 6)) ** -0.6
+    assert front == pytest.approx(1.411, abs=5e-4)
+
+
+def test_laboratories_are_one_shape_for_all_fluids() -> None:
+    """All numbers without dimension are the same, so errors and costs are, too."""
+    thin, thick = (NewtonianFluidFall.make(viscosity=mu, setup="current") for mu in (25.0, 200.0))
+    ratio = build(thick).length / build(thin).length
+    assert ratio == pytest.approx(8 ** (2 / 3), rel=1e-9)
+    assert build(thick).duration / build(thin).duration == pytest.approx(sqrt(ratio), rel=1e-9)
+
+
+def test_soft_honey_is_refused() -> None:
+    with pytest.raises(Refusal, match=r"R9: .* squashes it by .*; allowed: 0\.02, bulk .* times as high"):
+        build(NewtonianFluidFall.make(bulk=1e4, drop=0.6))
+
+
+def test_random_specimens_are_scenes() -> None:
+    rng = np.random.default_rng(0)
+    assert {NewtonianFluidFall.sample(rng).setup for _ in range(20)} == {"drop", "pour"}
+    assert NewtonianFluidFall.sample(rng, setup="film").setup == "film"
+
+
+@pytest.mark.slow
+def test_it_spreads_more_slowly_the_thicker_it_is() -> None:
+    reach = [made.specimen.reach(made)[-1] for made in (run(viscosity=mu) for mu in (25.0, 70.0, 200.0))]
+    assert reach[0] > 1.05 * reach[1] > 1.05**2 * reach[2]
+
+
+@pytest.mark.slow
+def test_a_jet_brings_what_it_says() -> None:
+    made = run(setup="pour", bulk=5e4)
+    assert verdict(made, "mass_is_what_came") == "passed"
+    specimen = made.specimen
+    assert made.clouds["matter"].mass[-1] == pytest.approx(
+        specimen.density * (specimen.size**3 + 1.2 * specimen.jet * pi * (0.3 * specimen.size) ** 2), rel=1e-2
+    )
+
+
+@pytest.mark.slow
+def test_random_specimens() -> None:
+    assert min(judge_random(NewtonianFluidFall, count=3).values()) >= 0
