@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
 import importlib.util
+import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # what a command prints may be read by a program
 _name = next((name for name in ("taichi", "quadrants") if importlib.util.find_spec(name)), "taichi")
 ti: Any = importlib.import_module(_name)
 
@@ -33,7 +37,8 @@ def start(double: bool, **options: Any) -> Any:
     real = ti.f64 if double else ti.f32
     if _running != [real]:
         # Taichi's own data-flow analysis takes as long as all else in compiling; LLVM's does the same
-        ti.init(arch=ti.cpu, default_fp=real, log_level=ti.ERROR, cfg_optimization=False, **options)
+        with contextlib.redirect_stdout(io.StringIO()):
+            ti.init(arch=ti.cpu, default_fp=real, log_level=ti.ERROR, cfg_optimization=False, **options)
         for forget in _made:
             forget()
         _running[:] = [real]

@@ -11,6 +11,7 @@ Defect: what else accelerates a body within h (gravity, contact) is not seen by 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -25,7 +26,7 @@ from physinone_mj.continuum import Continuum, Elastic, Granular, Inlet, Meeting,
 from physinone_mj.scene import IMMATERIAL
 
 from . import meshes, sample
-from ._ti import start
+from ._ti import compiles, start
 from .collide import Bearer, Obstacle
 from .materials import energy, stretch
 from .transfer import Body, Solver, longest_step
@@ -126,6 +127,9 @@ class Medium:
             for piece, (points, velocity, volume) in zip(continuum.pieces, filled, strict=True)
         ]
         start(double)
+        for material in sorted({type(body.material).__name__ for body in bodies}):
+            if compiles(material):
+                print(f"compiling the kernels for {material} (once on this machine)", file=sys.stderr)
         self._place(data)
         for name, body in zip(names, bodies, strict=True):
             for what, bearer in [*((m.with_, b) for m, b in zip(continuum.meetings, self.bearers, strict=True)),

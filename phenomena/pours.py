@@ -151,8 +151,9 @@ def spacing(cloud: Cloud) -> float:
 
 
 class Poured(Phenomenon, domain="fluids"):
-    """What the three have in common: something falls or is poured on a floor, a slope or an obstacle."""
+    """What the five have in common: something falls or is poured on a floor, a slope or an obstacle."""
 
+    views = 15
     setup: str
     shape: Annotated[
         Literal["cube", "ball", "cylinder", "torus", "letters"], Choice("of what falls; a jet is round")
