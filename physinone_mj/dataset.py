@@ -604,9 +604,9 @@ def _same(entry: Any, values: NDArray[Any]) -> bool:
     if not isinstance(entry, h5py.Dataset) or entry.shape != values.shape or entry.dtype.kind != values.dtype.kind:
         return False
     if values.dtype.kind != "f":
-        return bool((entry[:] == values).all())
+        return bool((entry[...] == values).all())
     scale = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
-    return np.allclose(entry[:], values, rtol=1e-9, atol=1e-9 * max(scale, 1e-3), equal_nan=True)
+    return np.allclose(entry[...], values, rtol=1e-9, atol=1e-9 * max(scale, 1e-3), equal_nan=True)
 
 
 def _annotated(run: Run, folder: Path, motion: str, verdicts: Sequence[Verdict]) -> list[str]:

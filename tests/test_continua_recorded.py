@@ -1,0 +1,96 @@
+"""Matter in scene folders: recorded, verified, reproduced bit for bit, and found out when somebody edits it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from physinone_mj.base import Verdict
+from physinone_mj.dataset import Job, generate, reproduce, verify
+from physinone_mj.fidelity import DRAFT
+from physinone_mj.run import Run
+
+
+@pytest.fixture(autouse=True)
+def _no_laws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Laws of matter ask for runs of their own; they are judged elsewhere."""
+    judged: list[Verdict] = []
+    monkeypatch.setattr(Run, "check", lambda _run: judged)
+
+
+def made(folder: Path, *, particles: bool = True) -> Path:
+    job = Job(67, {"setup": "bar"}, DRAFT, seed=5, render=False, particles=particles)
+    return generate(job, folder)
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Run, "check", lambda _run: [])
+        return made(tmp_path_factory.mktemp("matter"))
+
+
+def resealed(folder: Path) -> Path:
+    """The folder, whose checksum of physics.h5 is that of what is there now."""
+    from physinone_mj.dataset import _digest
+
+    path = folder / "provenance.json"
+    told = json.loads(path.read_text())
+    told["files"]["physics.h5"] = _digest(folder / "physics.h5")
+    path.write_text(json.dumps(told))
+    return folder
+
+
+def test_it_is_whole_and_happens_again(bar: Path) -> None:
+    """verify finds nothing wrong, and reproduce gets the same sums to the last bit."""
+    assert verify(bar).problems == []
+    assert reproduce(bar).problems == []
+
+
+def test_what_is_recorded(bar: Path) -> None:
+    """Sums at every sample, particles at every frame, each frame a chunk, with units; the material's numbers."""
+    with h5py.File(bar / "physics.h5") as file:
+        samples, stride = len(file["time"]), int(file.attrs["samples_per_frame"])
+        (piece,) = file["continua"].values()
+        position = piece["position"]
+        assert position.shape[0] == len(range(0, samples, stride))
+        assert position.chunks == (1, *position.shape[1:])
+        assert position.compression == "gzip"
+        assert position.dtype == np.float32
+        assert piece["centre"].shape == (samples, 3)
+        assert all(entry.attrs["unit"] for entry in piece.values())
+        assert piece["mass"][0] == pytest.approx(float(piece["bulk"][()]) * position.shape[1] * 1000.0, rel=1e-9)
+    (told,) = json.loads((bar / "properties.json").read_text()).values()
+    assert told["material"] == "Elastic"
+    assert told["young"] > 0
+    assert told["numerical_viscosity"] > 0
+
+
+@pytest.mark.parametrize("key", ["centre", "momentum", "position", "velocity"])
+def test_what_was_edited_is_found_out(bar: Path, tmp_path: Path, key: str) -> None:
+    """Sums that are not those of the particles, though the checksum fits."""
+    copy = tmp_path / bar.name
+    copy.mkdir()
+    for path in bar.rglob("*"):
+        if path.is_file():
+            (copy / path.relative_to(bar)).parent.mkdir(parents=True, exist_ok=True)
+            (copy / path.relative_to(bar)).write_bytes(path.read_bytes())
+    with h5py.File(copy / "physics.h5", "r+") as file:
+        (piece,) = file["continua"].values()
+        piece[key][...] = piece[key][...] + 0.01
+    problems = verify(resealed(copy)).problems
+    assert any("is not that of its particles" in line for line in problems), problems
+
+
+def test_without_particles(tmp_path: Path) -> None:
+    """They are left out when nobody wants them; the rest is verified as ever."""
+    folder = made(tmp_path, particles=False)
+    with h5py.File(folder / "physics.h5") as file:
+        (piece,) = file["continua"].values()
+        assert "position" not in piece
+        assert "centre" in piece
+    assert verify(folder).problems == []
