@@ -41,7 +41,7 @@ def cloud(position: Floats, velocity: Floats, stride: int, present: list[int] | 
         mass=np.full(frames * stride, 7.5), centre=centre, momentum=none, turning=none, kinetic=nothing,
         elastic=nothing, volume=nothing, low=none, high=none, position=position.astype(np.float32),
         velocity=velocity.astype(np.float32), stretch=np.ones((frames, count), np.float32), present=np.array(there),
-        bulk=SPACING**3,
+        bulk=SPACING**3, numerical_viscosity=2.5,
     )  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_pieces_come_after_bodies_and_are_told_by_their_law() -> None:
     }  # fmt: skip
     assert told["2"] == {
         "name": "lump", "material": "Newtonian", "viscosity": 20.0, "bulk": 1e5, "density": 1400.0, "mass": 7.5,
-        "cell": 0.04,
+        "cell": 0.04, "numerical_viscosity": 2.5,
     }  # fmt: skip
     assert told["3"]["material"] == "Granular"
     assert told["3"]["friction"] == 0.6
