@@ -393,13 +393,13 @@ def stretch(material: Material, states: Array) -> Array:
 def energy(material: Material, states: Array) -> Array:
     """Elastic energy of particles of these states (n, state), by volume at rest (n,) [J/m³].
 
-    ½ μ (tr b - 3) - μ ln J + ½ λ ln² J, μ ‖ε‖² + ½ λ tr² ε, or κ (½ J² + J⁻⁵/5 - 7/10) of a fluid: what its law's
+    ½ μ (tr b - 3) - μ ln J + ½ λ ln² J, μ ‖ε‖² + ½ λ tr² ε, or κ (J + J⁻⁶/6 - 7/6) of a fluid: what its law's
     stress, or the elastic part of that, is the derivative of.
     """
     s = np.asarray(states, float)
     if isinstance(material, Newtonian):
         j = 1 + s[:, 0]
-        return np.asarray(material.bulk * (0.5 * (j**2 - 1) + 0.2 * (j**-5 - 1)))
+        return np.asarray(material.bulk * (s[:, 0] + (j**-6 - 1) / 6))
     mu, lam = material.parameters()[:2]
     e = _eigenvalues(s)
     log = np.log1p(e).sum(axis=1)

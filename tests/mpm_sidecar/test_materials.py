@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mpm_sidecar import materials
 from mpm_sidecar._ti import kernels, ti
-from mpm_sidecar.materials import law
+from mpm_sidecar.materials import law, stretch
 from physinone_mj.continuum import Elastic, Granular, Newtonian, Plasticine, Viscoplastic, lame
 
 from .taichi_at import taichi_at
@@ -261,3 +262,30 @@ def test_the_extremes_are_finite(material: Any, grad: float) -> None:
         assert np.isfinite(s).all()
         assert np.isfinite(stress).all()
         s = np.clip(s, -0.99, 1e6)
+
+
+@pytest.mark.parametrize(
+    "material",
+    [Elastic(), Plasticine(yield_stress=1e9), Viscoplastic(yield_stress=1e9), Granular(friction=1.3),
+     Newtonian(viscosity=0.0)],
+    ids=lambda m: type(m).__name__,
+)  # fmt: skip
+def test_energy_is_the_work_that_was_done(material: Any) -> None:
+    """Along a path that nothing yields on, ∫ τ : ∇v dt is what is stored; and J is the volume that the path made."""
+    rng = np.random.default_rng(8)
+    rate = rng.uniform(-1, 1, (20, 3, 3)) * 3e-4 - 2e-4 * np.eye(3)
+    s, before, work, whole = np.zeros((20, material.state)), np.zeros((20, 3, 3)), np.zeros(20), np.eye(3)
+    for _ in range(200):
+        s, after = respond(material, s, rate)
+        work += np.einsum("nij,nij->n", (before + after) / 2, rate)
+        before, whole = after, (np.eye(3) + rate) @ whole
+    assert materials.energy(material, s) == pytest.approx(work, rel=2e-3)
+    assert stretch(material, s) == pytest.approx(np.linalg.det(whole), rel=1e-3)
+    assert materials.energy(material, np.zeros((1, material.state))) == 0.0
+
+
+def test_sand_remembers_the_volume_that_it_gained() -> None:
+    """J of sand that flew apart: it bears nothing, but it is larger."""
+    s, _ = respond(Granular(), np.zeros((1, 7)), 0.01 * np.eye(3)[None])
+    assert stretch(Granular(), s) == pytest.approx(1.01**3, rel=1e-9)
+    assert materials.energy(Granular(), s) == pytest.approx(0.0, abs=1e-9)
