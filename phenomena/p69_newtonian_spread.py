@@ -204,14 +204,18 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         reach = (cloud.high[:, 0], cloud.centre[:, 0] / CENTRE)
         return [late_growth(current.t, x) ** 0.2 / scale for x in reach], [1.411, 1.411]
 
-    @law("x̄ ∝ (g L⁶ t/ν)^⅕", source="by definition: creeping flow has no time scale but ν/(g L)",
+    @law("x̄ ∝ (g L⁶ t/ν)^⅕", source="H. E. Huppert, J. Fluid Mech. 121 (1982) 43, §2: no time scale but ν/(g L)",
          within=(5e-2, 3e-2, 2e-2), limited_by="inertia is small, not nothing")  # fmt: skip
     def viscosity_sets_the_clock(self, run: Run) -> Measurement:
-        """69c: of the centres of mass of two currents, in the second of which √(g L) L/ν is 5/3 as great: how
-        much farther they are after as long a flow."""
-        (one, first), (two, second) = (self.at_lab(run, setup) for setup in ("current", "quick current"))
-        growth = [late_growth(r.t, r.clouds["current"].centre[:, 0]) for r in (first, second)]
-        return (growth[1] / growth[0]) ** 0.2, (two.length(two.number) / one.length(one.number)) ** 1.2
+        """69c: growth of the fifth power of the centres of mass of two currents, in the second of which √(g L) L/ν is
+        5/3 as great, in the measure of each one's own viscosity, size and weight: both as one front's prefactor."""
+        found = []
+        for setup in ("current", "quick current"):
+            lab, current = self.at_lab(run, setup)
+            scale = (g * lab.length(lab.number) ** 6 / (3 * lab.nu)) ** 0.2
+            reach = current.clouds["current"].centre[:, 0] / CENTRE
+            found.append(late_growth(current.t, reach) ** 0.2 / scale)
+        return found, [1.411, 1.411]
 
     @law("κ (J⁻⁷ - 1) = ρ g (H - Z)", source="PhysInOne supplement, eq. 7; Landau & Lifshitz, Fluid Mechanics, §3",
          within=(5e-2, 3e-2, 2e-2), limited_by="matter near a wall is known to a cell")  # fmt: skip

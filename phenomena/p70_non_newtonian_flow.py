@@ -263,16 +263,17 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         kappa = self.strength / (self.density * g * size)
         return mound.clouds["mound"].high[-1, 0], size * plastic_mound(kappa)[1]
 
-    @law("(h² - π κ h)/2 = κ (R - r), 2π ∫ h r dr = V", within=(6e-2, 6e-2, 6e-2),
+    @law("(h² - π κ h)/2 = κ (R - r), 2π ∫ h r dr = V", within=(1.5e-1, 1.5e-1, 1.5e-1),
          source="J. F. Nye, Proc. R. Soc. A 207 (1951) 554, eq. 32; its thin limit R⁵ = 225 ρ g V²/(128 π² τ_s)",
          limited_by="that the plane's thrust is also a round heap's")  # fmt: skip
     def a_heap_stops_round(self, run: Run) -> Measurement:
-        """70d: where it ends along the four axes, in the mean."""
+        """70d: where it ends along the four axes, in the mean; its fifth power over the due one's, which goes as the
+        inverse of the strength that it tells of."""
         _, heap = self.at_lab(run, "heap")
         cloud = heap.clouds["heap"]
         radius = np.mean([cloud.high[-1, :2], -cloud.low[-1, :2]])
         kappa = self.strength / (self.density * g)
-        return radius, plastic_heap(kappa, cloud.mass[0] / self.density)
+        return (radius / plastic_heap(kappa, cloud.mass[0] / self.density)) ** 5, 1.0
 
     @law("τ_Y → 0: u = ρ g sin θ (2 H z - z²)/(2 η/2)",
          source="Bird, Stewart & Lightfoot, Transport Phenomena, §2.2 eq. 2.2-18",

@@ -68,13 +68,14 @@ def test_error_shrinks(index: int, law: Law) -> None:
 
 
 def claims(specimen: Any, lie: float) -> list[Any]:
-    """The specimen with one parameter at a time claimed larger by a factor (or smaller, where the range ends)."""
+    """The specimen with one parameter at a time claimed larger by a factor (or smaller, where the range ends; or not at
+    all, where it is too narrow)."""
     claimed = []
     for name, (param, kind) in specimen.declarations().items():
         value = getattr(specimen, name)
         if isinstance(param, Param) and kind is float and value != 0:
-            other = value * lie if value * lie <= param.high else value / lie
-            claimed.append(dataclasses.replace(specimen, **{name: other}))
+            allowed = [other for other in (value * lie, value / lie) if param.low <= other <= param.high]
+            claimed += [dataclasses.replace(specimen, **{name: other}) for other in allowed[:1]]
     return claimed
 
 
