@@ -41,22 +41,36 @@ class TwiceAsThick(NewtonianFluidFall, domain="fluids"):
 class Water(NewtonianFluidFall, domain="fluids"):
     """Only the grid damps it."""
 
+    share = 0.0
+
     def soft(self, depth: float) -> Newtonian:
         honest = super().soft(depth)
-        return Newtonian(0.0, honest.bulk, honest.density)
+        return Newtonian(self.share * honest.viscosity, honest.bulk, honest.density)
+
+
+class Oil(Water, domain="fluids"):
+    """Four times too thin."""
+
+    share = 0.25
 
 
 def test_the_factor_two_is_found_out() -> None:
     assert verdict(run(TwiceAsThick, setup="film"), "film_flows_as_a_parabola") == "failed"
 
 
-def test_a_fluid_without_viscosity_is_found_out() -> None:
-    assert verdict(run(Water, setup="film"), "film_flows_as_a_parabola") == "failed"
+def test_a_fluid_without_viscosity_is_refused() -> None:
+    """The grid would lend it its own, and nobody would know."""
+    with pytest.raises(Refusal, match=r"R7: 'layer': a dynamic viscosity of 0 Pa s, less than the method's own"):
+        run(Water, setup="film")
+
+
+def test_a_fluid_too_thin_is_found_out() -> None:
+    assert verdict(run(Oil, setup="film"), "film_flows_as_a_parabola") == "failed"
 
 
 @pytest.mark.slow
-def test_currents_without_viscosity_are_found_out() -> None:
-    made = run(Water, setup="current")
+def test_currents_too_thin_are_found_out() -> None:
+    made = run(Oil, setup="current")
     assert verdict(made, "current_spreads_as_the_fifth_root_of_time") == "failed"
     assert verdict(made, "viscosity_sets_the_clock") == "failed"
 
