@@ -98,10 +98,10 @@ class Medium:
         double: in double precision.
 
     Raises:
-        Refusal: what cannot be computed faithfully at this cell: R1 matter within a body, R7 too thin, R9 squashed by
-            its own weight, R10 too much work.
+        Refusal: what cannot be computed faithfully at this cell: R1 matter within a body or other matter, R7 too thin
+            a shape or a fluid, R9 squashed by its own weight, R10 too much work.
         KeyError: no such body or geom.
-        ValueError: no piece, two of one name, pieces that overlap.
+        ValueError: no piece, two of one name, an inlet of none.
     """
 
     def __init__(

@@ -103,6 +103,19 @@ def test_momentum_of_both_sides(mass: float, fluid: int) -> None:
         assert body[0] > 0.01 * min(start[0], 2 * mass)
 
 
+def test_bodies_are_met_where_they_are() -> None:
+    """A ball that flies on by itself: after every step the obstacle is where the ball is, to round-off."""
+    specimen = LumpAgainstABall(mass=1.0)
+    scene = build(specimen)
+    scene.speed["ball/free"] = (3.0, 1.0, 0.5, 0.0, 0.0, 0.0)
+    with Stepper(compile(specimen, scene, DRAFT)) as stepper:
+        (bearer,) = stepper.media[0].bearers
+        for _ in range(4):
+            stepper.advance()
+            assert bearer.pivot == pytest.approx(stepper.data.qpos[:3], abs=1e-9)
+            assert bearer.obstacles[0].centre == pytest.approx(stepper.data.qpos[:3], abs=1e-9)
+
+
 def _still(continuum: Continuum, duration: float = 0.2) -> type[Phenomenon]:
     class Still(_Test, domain="mechanics"):
         """Matter alone"""
