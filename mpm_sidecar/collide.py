@@ -37,8 +37,14 @@ from ._ti import kernels, ti
 
 Array = NDArray[np.float64]
 
+TASK: Final = 512
+"""Turns of a loop that Taichi gives to a thread at once on a CPU, whatever `block_dim` says (1.7.4): what is to be done
+by several threads takes so many turns, of which the first one works."""
+
 TOUCH: Final = 1e-4
 """Part of a cell by which a node may be off a surface and still be on it."""
+_TURNS: Final = TASK // 16
+"""Of a block: sixteen of them are a thread's task."""
 
 
 @ti.func
@@ -238,7 +244,10 @@ def _kernel(shape: str, grip: Grip, weighs: bool, real: Any) -> Any:
 
     @ti.kernel
     def meet(grid: nodes, blocks: whole, given: numbers, field: numbers, out: sums):
-        for a in range(out.shape[0]):
+        for go in range(out.shape[0] * ti.static(_TURNS)):
+            if go % ti.static(_TURNS) != 0:
+                continue
+            a = go // ti.static(_TURNS)
             # one array instead of a dozen arguments: each costs more to hand over than its numbers to read
             origin, centre, size, pivot = three(given, 0), three(given, 3), three(given, 6), three(given, 9)
             velocity, spin, corner = three(given, 12), three(given, 15), three(given, 18)

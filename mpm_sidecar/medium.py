@@ -96,6 +96,7 @@ class Medium:
         driven: degrees of freedom that a motor moves whatever stands in their way.
         seed: of where the particles are.
         double: in double precision.
+        sparse: as of `Solver`.
 
     Raises:
         Refusal: what cannot be computed faithfully at this cell: R1 matter within a body or other matter, R7 too thin
@@ -106,7 +107,7 @@ class Medium:
 
     def __init__(
         self, continuum: Continuum, model: Any, data: Any, *, cell: float, gravity: float, duration: float,
-        driven: ArrayLike = (), seed: int = 0, double: bool = False,
+        driven: ArrayLike = (), seed: int = 0, double: bool = False, sparse: bool = True,
     ) -> None:  # fmt: skip
         names = [piece.name for piece in continuum.pieces]
         if not names or len(set(names)) < len(names):
@@ -145,7 +146,7 @@ class Medium:
         most = [len(b.points) + sum(len(p.times) for p in self._pourings if p.piece == i) for i, b in enumerate(bodies)]
         _refuse(names, bodies, most, np.where(np.isfinite(continuum.period), 0.0, self._gravity), cell, duration)
         self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=[*self.bearers, *walls],
-                             period=continuum.period, double=double)  # fmt: skip
+                             period=continuum.period, double=double, sparse=sparse)  # fmt: skip
         self.viscosities = [numerical_viscosity(body, cell) for body in bodies]
         self.most, self.forces = most, np.zeros((model.nbody, 6))
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from physinone_mj.continuum import Material
 
 from ._ti import kernels, ti
-from .collide import Bearer, begin
+from .collide import TASK, Bearer, begin
 from .materials import law
 
 Array = NDArray[np.float64]
@@ -47,12 +47,22 @@ _COURANT: Final = 0.3
 """Part of a cell that sound and motion together may cross in a step."""
 _VISCOUS: Final = 0.1
 """Part of ρ Δx²/η that a step may be."""
+_ENDLESS: Final = 1e30
+"""A speed [m/s] that stands for what is infinite or not a number."""
 _MOST_NODES: Final = 2**28
+_SLABS: Final = 6
+"""So many slabs of blocks along x are shared between threads as they are; fewer, column by column."""
 _CHUNK: Final = 8
 """Particles that are gathered together, so that they are still at hand when their law is asked."""
 _STATE: Final = 20
 """Where in a record the state begins: x (3), 0, v (3), 1, the columns of A (3) and 0 each."""
 _VELOCITY: Final = slice(4, 7)
+
+# Where in the one array of numbers that each kernel is given each begins: to hand an argument over takes longer than to
+# read a hundred numbers.
+_NY, _NZ, _CELLS, _ORIGIN, _KICK, _STRIDE, _PARTS = 0, 1, 2, 3, 6, 9, 13
+_MASS, _PUSH, _LAW = 17, 18, 19
+_NOTHING: Final = 23
 
 
 def _width(state: int) -> int:
@@ -66,17 +76,21 @@ def _weights(f):
     return ti.Vector([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
 
 
+@ti.func
+def _some(given: ti.template(), at: ti.template(), count: ti.template()):
+    return ti.Vector([given[at + i] for i in range(count)])
+
+
 @kernels
 def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
-    """Particles begin[a] to end[a] of each a from low to high onto the grid; fixed: as `_count_kernel` has it.
+    """Particles of columns, from and up to, onto the grid; fixed: as `_count_kernel` has it.
 
     The compiler makes one instruction of the four numbers of a node, if nothing tells them apart: hence a record of
     whole fours, and loops that are unrolled (an address in one that is not could overflow).
     """
-    whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
+    pairs, numbers = ti.types.ndarray(dtype=ti.i32, ndim=2), ti.types.ndarray(dtype=real, ndim=1)
     records = ti.types.ndarray(dtype=ti.types.vector(width, real), ndim=1)
     nodes = ti.types.ndarray(dtype=ti.types.vector(4, ti.i64 if fixed else real), ndim=1)
-    place, numbers = ti.types.vector(3, real), ti.types.vector(4, real)
 
     @ti.func
     def add(grid: ti.template(), n, part, _parts):
@@ -90,13 +104,14 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
     put = add_whole if fixed else add
 
     @ti.kernel
-    def scatter(
-        rec: records, grid: nodes, begin: whole, end: whole, low: ti.i32, high: ti.i32, ny: ti.i32, nz: ti.i32,
-        origin: place, cells: real, mass: real, parts: numbers,
-    ):  # fmt: skip
-        ti.loop_config(block_dim=1)
-        for a in range(low, high):
-            for p in range(begin[a], end[a]):
+    def scatter(rec: records, grid: nodes, columns: pairs, given: numbers):
+        for turn in range(columns.shape[0] * ti.static(TASK)):
+            if turn % ti.static(TASK) != 0:
+                continue
+            a = turn // ti.static(TASK)
+            ny, nz, cells = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), given[_CELLS]
+            origin, parts, mass = _some(given, _ORIGIN, 3), _some(given, _PARTS, 4), given[_MASS]
+            for p in range(columns[a, 0], columns[a, 1]):
                 r = rec[p]
                 x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
                 base = ti.cast(x - 0.5, ti.i32)
@@ -124,24 +139,20 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
 @kernels
 def _count_kernel(real: Any) -> Any:
     """What was added up in whole numbers becomes what it stands for, and is cleared."""
-    whole = ti.types.ndarray(dtype=ti.i32, ndim=1)
+    whole, numbers = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=real, ndim=1)
     counts = ti.types.ndarray(dtype=ti.types.vector(4, ti.i64), ndim=1)
     nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
 
     @ti.kernel
-    def count(
-        fixed: counts, grid: nodes, blocks: whole, number: ti.i32, ny: ti.i32, nz: ti.i32,
-        quanta: ti.types.vector(4, real),
-    ):  # fmt: skip
-        for a in range(number):
-            x, y, z = begin(blocks[a], ny, nz)
-            for i in range(4):
-                for j in range(4):
-                    for k in range(4):
-                        n = ((x + i) * ny + y + j) * nz + z + k
-                        for c in ti.static(range(4)):
-                            grid[n][c] = quanta[c] * ti.cast(fixed[n][c], real)
-                            fixed[n][c] = ti.cast(0, ti.i64)
+    def count(fixed: counts, grid: nodes, blocks: whole, given: numbers):
+        for line in range(16 * blocks.shape[0]):
+            ny, nz, parts = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), _some(given, _PARTS, 4)
+            x, y, z = begin(blocks[line // 16], ny, nz)
+            for k in range(4):
+                n = ((x + line // 4 % 4) * ny + y + line % 4) * nz + z + k
+                for c in ti.static(range(4)):
+                    grid[n][c] = ti.cast(fixed[n][c], real) / parts[c]
+                    fixed[n][c] = ti.cast(0, ti.i64)
 
     return count
 
@@ -154,17 +165,16 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
     """
     records = ti.types.ndarray(dtype=ti.types.vector(_width(state), real), ndim=1)
     nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
-    place, numbers = ti.types.vector(3, real), ti.types.vector(4, real)
-    inner = ti.types.vector(state, real)
+    numbers, inner = ti.types.ndarray(dtype=real, ndim=1), ti.types.vector(state, real)
 
     @ti.kernel
-    def gather(
-        rec: records, grid: nodes, count: ti.i32, nothing: ti.i32, ny: ti.i32, nz: ti.i32, origin: place,
-        cells: real, dt: real, stride: numbers, keep: numbers, push: real, k: numbers,
-    ) -> real:  # fmt: skip
+    def gather(rec: records, grid: nodes, given: numbers) -> real:
         fastest = ti.cast(0.0, real)
-        for chunk in range((count + _CHUNK - 1) // _CHUNK):
-            last = ti.min((chunk + 1) * _CHUNK, count)
+        for chunk in range((rec.shape[0] + _CHUNK - 1) // _CHUNK):
+            ny, nz, cells = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), given[_CELLS]
+            origin, stride, k = _some(given, _ORIGIN, 3), _some(given, _STRIDE, 4), _some(given, _LAW, 4)
+            dt, keep, push, nothing = stride[0], 4 * given[_MASS], given[_PUSH], ti.cast(given[_NOTHING], ti.i32)
+            last = ti.min((chunk + 1) * _CHUNK, rec.shape[0])
             for particle in range(chunk * _CHUNK, last):
                 p = particle ^ nothing  # itself, but the compiler cannot know: an address that could not overflow
                 r = rec[p]
@@ -224,11 +234,12 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                 for i in ti.static(range(3)):
                     stress[i, q] = tau[i, i]
                     stress[3 + i, q] = tau[(i + 1) % 3, (i + 2) % 3]
+            fast = ti.cast(0.0, real)
             for particle in range(chunk * _CHUNK, last):
                 q = particle - chunk * _CHUNK
                 r = rec[particle]
                 for i, j in ti.static(ti.ndrange(3, 3)):
-                    r[8 + i + 4 * j] = keep[i] * r[8 + i + 4 * j] - push * stress[i if i == j else 6 - i - j, q]
+                    r[8 + i + 4 * j] = keep * r[8 + i + 4 * j] - push * stress[i if i == j else 6 - i - j, q]
                 r[7] = 1.0
                 r[11] = 0.0
                 r[15] = 0.0
@@ -236,7 +247,10 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                 for i in ti.static(range(state)):
                     r[_STATE + i] = kept[i, q]
                 rec[particle] = r
-                ti.atomic_max(fastest, ti.max(ti.abs(r[4]), ti.abs(r[5]), ti.abs(r[6])))
+                top = ti.max(ti.abs(r[4]), ti.abs(r[5]), ti.abs(r[6]))
+                if not top <= fast:  # what is not a number, too
+                    fast = ti.min(top, ti.static(_ENDLESS))
+            ti.atomic_max(fastest, fast)
         return fastest
 
     return gather
@@ -247,33 +261,30 @@ def _grid_kernels(real: Any) -> Any:
     """(clear, advance) of the grid's active blocks."""
     node = ti.types.vector(4, real)
     whole, nodes = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=node, ndim=1)
+    numbers = ti.types.ndarray(dtype=real, ndim=1)
 
     @ti.kernel
-    def clear(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32):
-        ti.loop_config(block_dim=64)
-        for a in range(count):
-            x, y, z = begin(blocks[a], ny, nz)
-            for i in range(4):
-                for j in range(4):
-                    here = ((x + i) * ny + y + j) * nz + z
-                    for k in ti.static(range(4)):
-                        grid[here + k] = node(0.0)
+    def clear(grid: nodes, blocks: whole, given: numbers):
+        for line in range(16 * blocks.shape[0]):
+            ny, nz = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32)
+            x, y, z = begin(blocks[line // 16], ny, nz)
+            here = ((x + line // 4 % 4) * ny + y + line % 4) * nz + z
+            for k in ti.static(range(4)):
+                grid[here + k] = node(0.0)
 
     @ti.kernel
-    def advance(grid: nodes, blocks: whole, count: ti.i32, ny: ti.i32, nz: ti.i32, kick: ti.types.vector(3, real)):
-        ti.loop_config(block_dim=64)
-        for a in range(count):
-            x, y, z = begin(blocks[a], ny, nz)
-            for i in range(4):
-                for j in range(4):
-                    here = ((x + i) * ny + y + j) * nz + z
-                    for k in ti.static(range(4)):
-                        g = grid[here + k]
-                        if g[3] > 0:
-                            inverse = 1 / g[3]
-                            grid[here + k] = ti.Vector([
-                                g[0] * inverse + kick[0], g[1] * inverse + kick[1], g[2] * inverse + kick[2], g[3],
-                            ])  # fmt: skip
+    def advance(grid: nodes, blocks: whole, given: numbers):
+        for line in range(16 * blocks.shape[0]):
+            ny, nz, kick = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), _some(given, _KICK, 3)
+            x, y, z = begin(blocks[line // 16], ny, nz)
+            here = ((x + line // 4 % 4) * ny + y + line % 4) * nz + z
+            for k in ti.static(range(4)):
+                g = grid[here + k]
+                if g[3] > 0:
+                    inverse = 1 / g[3]
+                    grid[here + k] = ti.Vector([
+                        g[0] * inverse + kick[0], g[1] * inverse + kick[1], g[2] * inverse + kick[2], g[3],
+                    ])  # fmt: skip
 
     return clear, advance
 
@@ -367,7 +378,7 @@ class _Cloud:
             self.records[:, of : of + 3] = self.mass * dx * np.cross(np.asarray(body.spin, float), axis)
         self.spare = np.empty_like(self.records)
         self.order = np.arange(len(body.points))
-        self.begin, self.end = np.zeros((2, 0), np.int32)
+        self.columns = np.zeros((0, 2), np.int32)  # of blocks along z that hold some: first record, and past the last
         self.starts: list[int] = []
         self.fullest = 0
         self.ahead = np.zeros(3)  # half a step's change of velocity, from the last one's middle to its end
@@ -389,6 +400,7 @@ class Solver:
         double: in double precision.
         atomic: add up on the grid in whole numbers of a quantum, in any order, as a GPU has to (where it is the
             default); the same bits for any order of particles, too, and slower on a CPU.
+        sparse: pass over blocks that no particle can touch; False to show that it changes nothing.
 
     Raises:
         ValueError: no body, a cell that is not positive, a period that is not of whole cells.
@@ -397,7 +409,7 @@ class Solver:
     def __init__(
         self, bodies: Sequence[Body], dx: float, *, gravity: ArrayLike = (0.0, 0.0, 0.0),
         bearers: Sequence[Bearer] = (), period: ArrayLike = math.inf, double: bool = False,
-        atomic: bool | None = None,
+        atomic: bool | None = None, sparse: bool = True,
     ) -> None:  # fmt: skip
         if not bodies or not 0 < dx < math.inf:
             raise ValueError(f"{len(bodies)} bodies, dx = {dx} m; allowed: at least one body, a positive dx")
@@ -419,7 +431,7 @@ class Solver:
         if atomic is None:
             atomic = config.arch not in (ti.x64, ti.arm64)
         self._fixed = np.zeros((0, 4), np.int64) if atomic else None
-        self._active = np.zeros(0, np.int32)
+        self._active, self._sparse = np.zeros(0, np.int32), sparse
         self._drift, self._last = math.inf, 0.0
         self._fastest = max(float(np.abs(c.records[:, _VELOCITY]).max()) for c in self._clouds)
 
@@ -463,7 +475,7 @@ class Solver:
         """
         left, taken = duration, 0
         while left > 1e-9 * duration:
-            if not math.isfinite(self._fastest):
+            if not self._fastest < _ENDLESS:
                 raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
             longest = longest_step(self.bodies, self.dx, 2 * self._fastest + 1e-3)
             parts = max(1, math.ceil(left / longest))
@@ -481,37 +493,29 @@ class Solver:
         """One step of a length [s]."""
         if self._drift + 2 * self._fastest * dt > 0.9 * self.dx:
             self._sort()
-        ny, nz = (int(n) for n in self._shape[1:])
-        origin = self._vector(self._corner * self.dx)
-        cells = 1 / self.dx
-        grid, active, count = self._grid, self._active, len(self._active)
+        grid, active = self._grid, self._active
+        given = self._numbers(dt)
         if self._fixed is None:
-            self._clear(grid, active, count, ny, nz)
-        parts = self._parts(dt)
-        for cloud in self._clouds:
+            self._clear(grid, active, given[0])
+        for cloud, numbers in zip(self._clouds, given, strict=True):
             scatter = _scatter_kernel(self._real, cloud.records.shape[1], self._fixed is not None)
             # one thread goes through all colours in order, and where whole numbers are added order is nothing
             ends = cloud.starts if self._threads > 1 and self._fixed is None else [0, cloud.starts[-1]]
             for low, high in pairwise(ends):
                 if high > low:
-                    scatter(cloud.records, grid if self._fixed is None else self._fixed, cloud.begin, cloud.end, low,
-                            high, ny, nz, origin, cells, cloud.mass, self._vector(parts))  # fmt: skip
+                    scatter(cloud.records, grid if self._fixed is None else self._fixed, cloud.columns[low:high],
+                            numbers)  # fmt: skip
         if self._fixed is not None:
-            _count_kernel(self._real)(self._fixed, grid, active, count, ny, nz, self._vector(1 / parts))
+            _count_kernel(self._real)(self._fixed, grid, active, given[0])
         self._fold()
-        # velocities are those of the middle of a step, so that what falls freely falls exactly
-        self._advance(grid, active, count, ny, nz, self._vector((self._last + dt) / 2 * self.gravity))
+        self._advance(grid, active, given[0])
         self._last = dt
         for bearer in self.bearers:
             bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
         fastest = 0.0
-        for cloud in self._clouds:
+        for cloud, numbers in zip(self._clouds, given, strict=True):
             gather = _gather_kernel(law(cloud.material, self._real), self._real, cloud.material.state)
-            numbers = ti.Vector([*cloud.material.parameters(), 0.0, 0.0, 0.0][:4], self._real)
-            keep = 4 * cloud.mass
-            speed = gather(cloud.records, grid, len(cloud.records), 0, ny, nz, origin, cells, dt,
-                           self._vector((dt, dt, dt, 0.0)), self._vector((keep, keep, keep, 0.0)),
-                           dt * cloud.volume * 4 * cells, numbers)  # fmt: skip
+            speed = gather(cloud.records, grid, numbers)
             fastest = speed if not speed <= fastest else fastest
         self._fastest = float(fastest)
         for bearer in self.bearers:
@@ -519,6 +523,21 @@ class Solver:
         self._drift += self._fastest * dt
         self.time += dt
         self.steps += 1
+
+    def _numbers(self, dt: float) -> NDArray[Any]:
+        """Of each cloud, what the kernels of a step are given (clouds, 24)."""
+        given = np.zeros((len(self._clouds), _NOTHING + 1), self._type)
+        given[:, [_NY, _NZ, _CELLS]] = *self._shape[1:], 1 / self.dx
+        given[:, _ORIGIN : _ORIGIN + 3] = self._corner * self.dx
+        # velocities are those of the middle of a step, so that what falls freely falls exactly
+        given[:, _KICK : _KICK + 3] = (self._last + dt) / 2 * self.gravity
+        given[:, _STRIDE : _STRIDE + 3] = dt
+        given[:, _PARTS : _PARTS + 4] = self._parts(dt)
+        for numbers, cloud in zip(given, self._clouds, strict=True):
+            parameters = cloud.material.parameters()
+            numbers[[_MASS, _PUSH]] = cloud.mass, dt * cloud.volume * 4 / self.dx
+            numbers[_LAW : _LAW + len(parameters)] = parameters
+        return given
 
     def _parts(self, dt: float) -> Array:
         """Quanta in a unit of momentum (3) and of mass, powers of two: 2⁶² are more than any node can get.
@@ -528,9 +547,6 @@ class Solver:
         mass = 27 * max(cloud.mass * cloud.fullest for cloud in self._clouds) * len(self._clouds)
         most = np.array([4 * mass * self.dx / dt] * 3 + [mass])
         return np.exp2(62 - np.ceil(np.log2(most)))
-
-    def _vector(self, values: ArrayLike) -> Any:
-        return ti.Vector(np.asarray(values, float).tolist(), self._real)
 
     def _fold(self) -> None:
         """Where the world repeats itself, nodes that are one have the sum of what both got."""
@@ -575,11 +591,16 @@ class Solver:
             held = np.diff(bins)
             cloud.fullest = int(held.max())
             x, y, z = np.unravel_index(np.flatnonzero(held), blocks)
-            begin = bins[:: blocks[2]]
-            full = np.flatnonzero(np.diff(begin))
-            colour = full // blocks[1] % 2 * 2 + full % blocks[1] % 2
+            slabs = bins[:: blocks[1] * blocks[2]]
+            if np.count_nonzero(np.diff(slabs)) >= _SLABS:
+                begin, full = slabs, np.flatnonzero(np.diff(slabs))
+                colour = full % 2
+            else:
+                begin = bins[:: blocks[2]]
+                full = np.flatnonzero(np.diff(begin))
+                colour = full // blocks[1] % 2 * 2 + full % blocks[1] % 2
             full = full[np.argsort(colour, kind="stable")]
-            cloud.begin, cloud.end = begin[full], begin[full + 1]
+            cloud.columns = np.stack([begin[full], begin[full + 1]], axis=1)
             cloud.starts = np.searchsorted(np.sort(colour), np.arange(5)).tolist()
             for dx in (-1, 0, 1):
                 for dy in (-1, 0, 1):
@@ -590,5 +611,7 @@ class Solver:
             zero, cycle = -self._corner[axis] // _SIDE, self._cycle[axis]
             ends = [zero + s for s in (-1, 0)] + [zero + (cycle + s) // _SIDE for s in (-_SIDE, -1, 0, _SIDE - 1)]
             along[ends] = along[ends].any(axis=0)
+        if not self._sparse:
+            near[:] = True
         self._active = np.flatnonzero(near.ravel()).astype(np.int32)
         self._drift = 0.0

@@ -166,13 +166,15 @@ from mpm_sidecar.collide import Bearer, Obstacle
 from mpm_sidecar.transfer import Body, Solver
 from physinone_mj.continuum import *
 rng = np.random.default_rng(0)
-points, velocity = rng.random((2001, 3)) * 0.3 + (0, 0, 0.01), rng.normal(size=(2001, 3)) * 0.1 + (1.0, 0.5, -2.0)
+cube, velocity = rng.random((2001, 3)), rng.normal(size=(2001, 3)) * 0.1 + (1.0, 0.5, -2.0)
 given = np.arange(2001)
 for material in (Elastic(young=1e4), Plasticine(1e4, yield_stress=10.0), Viscoplastic(1e4, yield_stress=10.0),
                  Granular(), Newtonian(bulk=1e4)):
     said, places = [], []
-    for atomic, order in ((False, given), (True, given), (True, rng.permutation(given))):
-        body = Body(material, points[order], 0.027 / 2000, velocity[order])
+    # columns, whole numbers twice, slabs
+    for side, atomic, order in ((0.3, False, given), (0.3, True, given), (0.3, True, rng.permutation(given)),
+                                (0.9, False, given)):
+        body = Body(material, side * cube[order] + (0, 0, 0.01), side**3 / 2000, velocity[order])
         solver = Solver([body], 1 / 32, gravity=(0, 0, -9.8), atomic=atomic,
                         bearers=[Bearer([Obstacle.wall(Wall((0, 0, 0), (0, 0, 1), friction=0.5))])])
         solver.advance(0.02)
@@ -185,7 +187,8 @@ for material in (Elastic(young=1e4), Plasticine(1e4, yield_stress=10.0), Viscopl
 
 @cache
 def said_with_threads(number: int) -> dict[str, list[str]]:
-    """Material: digests as coloured blocks, in whole numbers, in whole numbers of shuffled particles; how far apart."""
+    """Material: digests as coloured columns, in whole numbers, in whole numbers of shuffled particles, as coloured
+    slabs; how far apart the first two are."""
     text = subprocess.run(
         [sys.executable, "-c", THREADS, str(number)], cwd=HOME, capture_output=True, text=True, check=True
     ).stdout
@@ -202,7 +205,7 @@ def test_the_same_bits_for_any_number_of_threads() -> None:
 @named
 def test_whole_numbers_add_up_alike_in_any_order(material: Any) -> None:
     """To the bit, whatever the order of the particles; and to what the coloured blocks say within rounding."""
-    coloured, whole, shuffled, apart = said_with_threads(3)[type(material).__name__]
+    coloured, whole, shuffled, _, apart = said_with_threads(3)[type(material).__name__]
     assert whole == shuffled
     assert coloured != whole  # or it was not tried
     assert float(apart) < 2e-6
