@@ -10,9 +10,11 @@ import pytest
 from physinone_mj.base import Refusal
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.registry import entries, phenomenon
-from physinone_mj.simulate import simulate_specimen
+from physinone_mj.simulate import OVERSAMPLING, Stepper, build, compile, simulate_specimen
 
 each = pytest.mark.parametrize("index", [e.index for e in entries()])
+MATTER = {67, 68, 69, 70, 71}
+"""Minutes each: the suite sees how their specimens begin, the study how they end."""
 
 
 def draw(index: int, count: int, seed: int) -> Counter[str]:
@@ -32,9 +34,27 @@ def draw(index: int, count: int, seed: int) -> Counter[str]:
     return outcome
 
 
-@each
+@pytest.mark.parametrize(
+    "index", [pytest.param(e.index, marks=pytest.mark.slow if e.index in MATTER else []) for e in entries()]
+)
 def test_two_random_specimens(index: int) -> None:
     draw(index, 2, seed=0)
+
+
+@pytest.mark.parametrize("index", sorted(MATTER))
+def test_two_random_specimens_of_matter_begin(index: int) -> None:
+    """A frame of each."""
+    for k in range(2):
+        specimen = phenomenon(index).sample(np.random.default_rng([0, index, k]))
+        try:
+            with Stepper(compile(specimen, build(specimen), DRAFT)) as stepper:
+                for _ in range(OVERSAMPLING):
+                    stepper.advance()
+                stepper.inspect()
+                seen = [x for medium in stepper.media for piece in medium.particles() for x in piece]
+                assert all(np.isfinite(x).all() for x in seen)
+        except Refusal as refusal:
+            assert "allowed" in str(refusal), refusal  # noqa: PT017
 
 
 @pytest.mark.slow
