@@ -98,6 +98,20 @@ def test_angular_momentum_is_kept() -> None:
     assert angular() == pytest.approx(before, rel=1e-11)
 
 
+def test_what_spins_at_the_start_spins_on() -> None:
+    """A particle is not a point: what is told its spin loses none of it at the first step, and else it would."""
+    taichi_at(ti.f64)
+    dx, rate = 1 / 32, np.array([0.4, -0.7, 2.0])
+    points = cube((6, 5, 4), dx)
+    turning = np.cross(rate, points - points.mean(axis=0))
+    lost = []
+    for spin in (rate, (0.0, 0.0, 0.0)):
+        solver = Solver([Body(Elastic(young=1e4), points, dx**3 / 8, turning, spin)], dx, double=True)
+        solver.step(1e-6)
+        lost.append(np.abs(solver.velocities() - turning).max() / np.abs(turning).max())
+    assert lost[0] < 1e-12 < 1e-2 < lost[1]
+
+
 def test_what_falls_falls() -> None:
     """g t and g t²/2, whatever the steps were."""
     taichi_at(ti.f64)
