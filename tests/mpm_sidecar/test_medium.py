@@ -242,3 +242,7 @@ def test_driven_bodies_do_not_yield() -> None:
     turning, angle = run.clouds["lump"].centre[-1], hinge[-1]
     x, z = 0.3 * math.cos(angle) - 0.1 * math.sin(angle), 0.35 + 0.3 * math.sin(angle) + 0.1 * math.cos(angle)
     assert turning[[0, 2]] == pytest.approx([x, z], abs=0.02)
+    for cls, yields in ((Driven, False), (LumpOnASeesaw, True)):
+        specimen = cls.make()
+        bearers = Stepper(compile(specimen, build(specimen), DRAFT)).media[0].bearers
+        assert any(bearer.yields is not None for bearer in bearers) is yields
