@@ -18,7 +18,7 @@ unexport MUJOCO_GL PYOPENGL_PLATFORM PYTHONPATH PYTHONHOME
 export LP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test study laws lint bench clean graphics
+.PHONY: help demo test study laws trade stability lint bench clean graphics
 
 # Installs Debian packages if this user may, otherwise prints the line to type and fails.
 define apt
@@ -44,6 +44,12 @@ study: $(READY) graphics  ## the long tests: reference fidelity, installation in
 
 laws: $(READY)  ## docs/laws.md: every law at reference fidelity, measured (an hour)
 	$(BIN)/physinone check --fidelity reference --report docs/laws.md
+
+trade: $(READY)  ## docs/trade.md and what --tolerance reads: error against cost (half an hour; it goes on where it was)
+	$(BIN)/physinone trade --study --report docs/trade.md --table physinone_mj/measured/trade.json
+
+stability: $(READY)  ## docs/stability.md and what show reads: the extremes (an hour; it goes on where it was stopped)
+	$(BIN)/physinone stress --report docs/stability.md --table physinone_mj/measured/stability.json
 
 lint: $(READY)  ## ruff and mypy
 	$(BIN)/ruff check .

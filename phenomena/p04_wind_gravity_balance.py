@@ -162,6 +162,7 @@ class WindGravityBalance(Phenomenon, domain="mechanics"):
                           f"{least:.3g} or more, for {WIDEST:g} rad")  # fmt: skip
         fan(scene, self.wind.box)
         part = scene.add("pendulum")
+        scene.spec.delete(scene.spec.sensor(part.name("tension")))  # nobody reads it
         pivot = AIM + self.rod * cos(lean)
         frame = part.body("frame")
         frame.pos[:] = (self.before, 0.0, pivot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib.util
 import json
 import os
 import re
@@ -15,7 +16,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import __version__
-from .terminal import OF_ONE_SCENE, BadInput, Progress, complain, names, say, say_json, say_laws, table, told
+from .terminal import (
+    OF_ONE_SCENE,
+    BadInput,
+    Progress,
+    complain,
+    names,
+    say,
+    say_json,
+    say_laws,
+    say_stress,
+    say_trade,
+    span,
+    table,
+    told,
+)
 
 if TYPE_CHECKING:
     from .base import Phenomenon
@@ -143,15 +158,17 @@ def list_(as_json: Json = False) -> None:
 def show(which: Annotated[str, typer.Argument(metavar="N", help="Index or label.")], as_json: Json = False) -> None:
     """What a phenomenon can be set to, what is recorded of it and which laws it obeys."""
     from .base import Choice
-    from .fidelity import PRESETS
+    from .fidelity import PRESETS, measured
     from .registry import phenomenon
 
     cls = phenomenon(which)
     nominal = cls.make().values()
     presets = [preset.name for preset in PRESETS]
+    stress = measured("stability").get(str(cls.index), {"parameters": {}})["parameters"]
     parameters: list[dict[str, Any]] = [
         {"name": name, "unit": param.unit, "nominal": nominal[name], "about": param.about}
         | ({"words": list(param.words)} if isinstance(param, Choice) else {"low": param.low, "high": param.high})
+        | ({"trusted": stress[name]["trusted"]} if stress.get(name, {}).get("trusted") else {})
         for name, (param, _) in cls.declarations().items()
     ]
     observables = [{"name": o.name, "unit": o.unit, "about": o.about} for o in cls.observables().values()]
@@ -166,12 +183,15 @@ def show(which: Annotated[str, typer.Argument(metavar="N", help="Index or label.
         head = {"index": cls.index, "label": cls.label, "domain": cls.domain, "title": cls.title}
         say_json(head | {"parameters": parameters, "observables": observables, "laws": laws})
         return
-    settable = table("parameter", "nominal", "low", "high", "unit", "about", right=("nominal", "low", "high"))
+    trusted = {preset: f"trusted at {preset}" for p in parameters for preset in p.get("trusted", ())}
+    settable = table("parameter", "nominal", "low", "high", *trusted.values(), "unit", "about",
+                     right=("nominal", "low", "high"))  # fmt: skip
     for p in parameters:
         low, high = (f"{p[k]:g}" for k in ("low", "high")) if "low" in p else ("", "")
         about = f"{p['about']}: {', '.join(p['words'])}" if "words" in p else p["about"]
         plain = f"{p['nominal']:g}" if "low" in p else p["nominal"]
-        settable.add_row(p["name"], plain, low, high, p["unit"], about)
+        seen = (span(p["trusted"][preset]) if preset in p.get("trusted", ()) else "" for preset in trusted)
+        settable.add_row(p["name"], plain, low, high, *seen, p["unit"], about)
     recorded = table("observable", "unit", "about")
     for o in observables:
         recorded.add_row(o["name"], o["unit"], o["about"])
@@ -191,6 +211,9 @@ def run(
     sample: Annotated[bool, typer.Option("--sample", help="Draw what is not set at random, by the seed.")] = False,
     seed: Annotated[int, typer.Option(help="Cameras, and what --sample draws.")] = 0,
     fidelity: FidelityName = "standard",
+    tolerance: Annotated[
+        float | None, typer.Option(help="Instead of --fidelity: the cheapest setting at which all laws err by less.")
+    ] = None,
     views: Annotated[
         int | None, typer.Option(help="Static cameras (12; of deforming matter 15); a moving one comes on top.")
     ] = None,
@@ -212,10 +235,13 @@ def run(
     import numpy as np
 
     from .dataset import Job
+    from .fidelity import cheapest
     from .registry import phenomenon
 
     jobs = []
     preset = fidelity_named(fidelity)
+    if tolerance is not None and fidelity != "standard":
+        raise BadInput(f"--tolerance {tolerance} with --fidelity {fidelity}; allowed: one of the two")
     wanted = tuple(word.strip() for word in modalities.split(","))
     traced = paths(renderer, samples)
     for entry in chosen(which):
@@ -223,6 +249,11 @@ def run(
         values = settings(assignments or (), cls)
         with as_typed():
             seen = cls.views if views is None else views
+            if tolerance is not None:
+                expected = cheapest(entry.index, tolerance)
+                preset = expected.fidelity
+                print(f"{entry.index} {entry.label}: {preset.name}; expected: an error of {expected.error:.2g} "
+                      f"({expected.law}), a cost of {expected.cost:.2g}", file=sys.stderr)  # fmt: skip
             job = Job(entry.index, values, preset, seed, seen, size, wanted, render, traced, particles)
         if sample:
             drawn = cls.sample(np.random.default_rng([seed, entry.index]), **values).values()
@@ -305,6 +336,207 @@ def check(
         complain(line)
     if missing or any(record["passed"] is False for record in records):
         raise typer.Exit(2 if missing else 1)
+
+
+@app.command()
+def trade(
+    which: Annotated[list[str] | None, typer.Argument(metavar="N", help="As for run; all when not given.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the random specimens.")] = 0,
+    specimens: Annotated[int, typer.Option(help="Random specimens of each phenomenon, beside the nominal one.")] = 8,
+    study: Annotated[bool, typer.Option("--study", help="Also try the engine's alternatives, for comparison.")] = False,
+    records: Annotated[
+        Path, typer.Option(metavar="FILE", help="What was measured, line by line; a run that is repeated goes on.")
+    ] = Path("out/trade.jsonl"),
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as Markdown.")] = None,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a row for each law and setting.")] = None,
+    plots: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Draw error against cost, a PNG each (an extra: study).")
+    ] = None,
+    table_file: Annotated[
+        Path | None, typer.Option("--table", metavar="FILE", help="Write the table that --tolerance reads, as JSON.")
+    ] = None,
+    pictures: Annotated[
+        int | None,
+        typer.Option(metavar="PIXELS", help="Instead: image error of one picture of that size (an extra: study)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure error against cost: every law, from coarse settings to fine ones, over the parameters' ranges."""
+    from . import trade as tool
+    from .registry import entries
+
+    if not 0 <= specimens <= 10_000 or not 0 <= seed < 2**63:
+        raise BadInput(f"--specimens {specimens} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
+    for name, file in (("report", report), ("csv", csv), ("table", table_file)):
+        if file and not file.parent.is_dir():
+            raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
+    needed = {"--plots": (plots, "matplotlib"), "--pictures": (pictures, "skimage")}
+    for option, (asked, module) in needed.items():
+        if asked is not None and not importlib.util.find_spec(module):
+            raise BadInput(f"{option} without {module}; allowed: after pip install 'physinone-mj[study]'")
+    if plots:
+        plots.mkdir(parents=True, exist_ok=True)
+    meant = [entry.index for entry in (chosen(which) if which else entries())]
+    if pictures is not None:
+        compare_pictures(meant, pictures, report, as_json)
+        return
+    rungs = [(index, seed, number, study and number == 0) for number in range(specimens + 1) for index in meant]
+    with as_typed():
+        table = tool.tabulate(tool.measure(rungs, records))
+    if table_file:
+        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if report:
+        report.write_text(tool.page(table), encoding="utf-8")
+    if csv:
+        write_csv(csv, tool.rows(table))
+    for index, entry in table.items() if plots else ():
+        tool.plot(entry, plots / f"{int(index):02d}_{entry['label']}.png")  # type: ignore[operator]
+    if as_json:
+        say_json(table)
+    else:
+        say_trade(table)
+    wrong = tool.problems(table)
+    for line in wrong:
+        complain(line)
+    if wrong:
+        raise typer.Exit(1)
+
+
+def compare_pictures(meant: Sequence[int], size: int, report: Path | None, as_json: bool) -> None:
+    """Image error against cost of a picture of each phenomenon."""
+    from . import pictures
+    from .registry import phenomenon
+
+    found, text = {}, "# Image error against cost\n\nGenerated by `physinone trade --pictures`; not to be edited.\n"
+    for index in meant:
+        label = phenomenon(index).label
+        with as_typed(), Progress(f"{index} {label}"):
+            found[index] = pictures.measure(index, size=size)
+        text += "\n" + pictures.page(f"{index} {label}, {size} pixels", found[index])
+        if not as_json:
+            rows = table("picture", "setting", "PSNR [dB]", "SSIM", "cost", right=("PSNR [dB]", "SSIM", "cost"))
+            for r in found[index]:
+                rows.add_row(r["renderer"], r["setting"], f"{r['psnr']:.1f}", f"{r['ssim']:.4f}", f"{r['cost']:.2g}")
+            say(f"{index} {label}", rows)
+    if as_json:
+        say_json(found)
+    if report:
+        report.write_text(text, encoding="utf-8")
+
+
+def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """One row each, with a header."""
+    import csv
+
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else [])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@app.command()
+def cost(
+    which: Which,
+    assignments: Set = None,
+    fidelity: FidelityName = "standard",
+    size: Annotated[int, typer.Option(help="Pixels per side.")] = 1120,
+    render: Annotated[bool, typer.Option("--render/--no-render", help="Whether pictures count.")] = True,
+    turns: Annotated[int, typer.Option(help="How often it is advanced with everything on, for the ratio.")] = 3,
+    as_json: Json = False,
+) -> None:
+    """Measure where the time of a scene goes, what was left out of it, and what it costs with everything on."""
+    from .dataset import Job
+    from .registry import phenomenon
+    from .terminal import say_cost
+
+    if not 0 <= turns <= 100:
+        raise BadInput(f"--turns {turns}; allowed: 0 to 100")
+    preset = fidelity_named(fidelity)
+    jobs = []
+    for entry in chosen(which):
+        cls = phenomenon(entry.index)
+        with as_typed():
+            jobs.append(Job(entry.index, settings(assignments or (), cls), preset, 0, cls.views, size, render=render))
+    records: list[dict[str, Any]] = []
+    missing = False
+    try:
+        for n, job in enumerate(jobs):
+            try:
+                records.append(priced(job, turns, n / len(jobs), 1 / len(jobs)))
+            except Exception as failure:
+                line = told(failure) if names(failure) & OF_ONE_SCENE else None
+                if line is None:
+                    raise
+                complain(line)
+                missing = True
+            else:
+                if not as_json:
+                    say_cost(records[-1])
+    finally:
+        if as_json:
+            say_json(records)
+    if missing or any(record["problems"] for record in records):
+        raise typer.Exit(2 if missing else 1)
+
+
+def priced(job: Job, turns: int, before: float, share: float) -> dict[str, Any]:
+    """What one scene costs; how far the command is as of `make`."""
+    from .cost import measure
+
+    name = f"{job.index} {job.specimen.label}"
+    with Progress(name) as progress:
+        return measure(
+            job, turns=turns, progress=lambda stage, done: progress(f"{name}: {stage}", before + share * done)
+        )
+
+
+@app.command()
+def stress(
+    which: Annotated[list[str] | None, typer.Argument(metavar="N", help="As for run; all when not given.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the corners chosen and of the specimens in between.")] = 0,
+    latin: Annotated[int, typer.Option(metavar="COUNT", help="Specimens in between: a Latin hypercube.")] = 8,
+    fidelity: FidelityName = "standard",
+    frontier: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Push ranges outwards at this fidelity (draft); may be repeated; or none."),
+    ] = None,
+    records: Annotated[
+        Path, typer.Option(metavar="FILE", help="What was found, line by line; a run that is repeated goes on.")
+    ] = Path("out/stress.jsonl"),
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as Markdown.")] = None,
+    table_file: Annotated[
+        Path | None, typer.Option("--table", metavar="FILE", help="Write the table that `show` reads, as JSON.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Try every corner of the parameters' ranges, and beyond; exit code 1 if a range promises what does not hold."""
+    from . import stress as tool
+    from .registry import entries
+
+    if not 0 <= latin <= 10_000 or not 0 <= seed < 2**63:
+        raise BadInput(f"--latin {latin} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
+    for name, file in (("report", report), ("table", table_file)):
+        if file and not file.parent.is_dir():
+            raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
+    within = fidelity_named(fidelity).name
+    pushed = [] if frontier == ["none"] else [fidelity_named(name).name for name in frontier or ["draft"]]
+    meant = [entry.index for entry in (chosen(which) if which else entries())]
+    todo = [task for index in meant for task in tool.tasks(index, seed, latin, within, pushed)]
+    with as_typed():
+        table = tool.tabulate(tool.measure(todo, records))
+    if table_file:
+        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if report:
+        report.write_text(tool.page(table), encoding="utf-8")
+    if as_json:
+        say_json(table)
+    else:
+        say_stress(table)
+    wrong = tool.problems(table)
+    for line in wrong:
+        complain(line)
+    if wrong:
+        raise typer.Exit(1)
 
 
 @app.command()

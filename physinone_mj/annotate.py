@@ -283,6 +283,9 @@ def _geom_mesh(model: Any, g: int) -> tuple[Array, NDArray[np.int64]]:
         mujoco.mjtGeom.mjGEOM_CYLINDER: lambda: make.cylinder(radius=size[0], height=2 * size[1], sections=96),
         mujoco.mjtGeom.mjGEOM_CAPSULE: lambda: make.capsule(radius=size[0], height=2 * size[1], count=(32, 32)),
     }
+    if kind == mujoco.mjtGeom.mjGEOM_PLANE and size[:2].all():  # a rectangle; without sides it has no end
+        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        return corners * (*size[:2], 0.0), np.array([[0, 1, 2], [0, 2, 3]])
     if kind not in shapes:
         raise ValueError(f"geom {model.geom(g).name!r} is a {kind.name}: an object of that shape has no mesh")
     shape = shapes[kind]()

@@ -156,7 +156,8 @@ class Law:
 
     def judge(self, specimen: Phenomenon, run: Run) -> Verdict:
         """Measure the law on the run. A law that cannot be decided is "not evaluated", never "passed"."""
-        tolerance = self.within[run.fidelity.rank]
+        asked = run.fidelity.tolerance
+        tolerance = self.within[run.fidelity.rank] if asked is None else asked
         error = measured = expected = math.nan
         reason = None
         try:
@@ -221,10 +222,12 @@ class Phenomenon(ABC):
 
     The label is the class name, the index comes from the file name, the title is the docstring's first line.
     views: how many static cameras watch it, unless told otherwise (15 where matter deforms, as in the release)
+    checked: whether its parameters have to be in their ranges
     """
 
     domain: ClassVar[str]
     views: ClassVar[int] = 12
+    checked: ClassVar[bool] = True
     label: ClassVar[str]
     index: ClassVar[int]
     title: ClassVar[str]
@@ -283,6 +286,23 @@ class Phenomenon(ABC):
                 hint = f"did you mean {near[0]}? " if near else ""
                 raise ParameterError(f"{cls.label}: no parameter {name!r}; {hint}there are: {', '.join(known)}")
         return cls(**values)
+
+    @classmethod
+    def outside(cls, **values: Any) -> Self:
+        """A specimen whose numbers may lie outside their ranges: to find where the model ends, never for data."""
+        specimen = cls.make(**{name: getattr(cls, name, None) for name in values})
+        for name, value in values.items():
+            param, kind = cls.declarations()[name]
+            wrong = None if isinstance(param, Param) else param.check(value, kind)
+            if wrong:
+                raise ParameterError(f"{cls.label}: {name} = {value!r} {wrong}")
+            object.__setattr__(specimen, name, kind(value))
+        object.__setattr__(specimen, "checked", False)
+        return specimen
+
+    def altered(self, **changes: Any) -> Self:
+        """The same specimen with some parameters changed; outside of their ranges if this one may be."""
+        return (type(self).make if self.checked else type(self).outside)(**(self.values() | changes))
 
     @classmethod
     def sample(cls, rng: np.random.Generator, **fixed: Any) -> Self:

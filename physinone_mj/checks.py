@@ -8,14 +8,17 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from .terminal import Progress, figure, told
 
 if TYPE_CHECKING:
     from .fidelity import Fidelity
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 
 Task: TypeAlias = "tuple[int, dict[str, Any], Fidelity]"
 """Index, parameters that are set, fidelity."""
@@ -47,21 +50,34 @@ def judge(task: Task, progress: Callable[[float], None] | None = None) -> Judgem
         return [], line
 
 
-def judge_all(tasks: Sequence[Task], names: Sequence[str]) -> Iterator[Judgement]:
-    """What `judge` says of every task, in order, one process per core; alone, a task stays in this process."""
+def judge_all(tasks: Sequence[Task], names: Sequence[str]) -> list[Judgement]:
+    """What `judge` says of every task, in order; alone, a task stays in this process."""
+    if len(tasks) == 1:
+        with Progress(names[0]) as progress:
+            return [judge(tasks[0], lambda done: progress(names[0], done))]
+    found = dict(spread(judge, tasks, names))
+    return [found[n] for n in range(len(tasks))]
+
+
+def spread(work: Callable[[_T], _R], tasks: Sequence[_T], names: Sequence[str]) -> Iterator[tuple[int, _R]]:
+    """(number, result) of every task, as they come: one process per core, each of which does one task after another.
+
+    ProcessDied if one is killed from outside; what the work itself raises passes through.
+    """
+    if not tasks:
+        return
+    workers = min(len(tasks), len(os.sched_getaffinity(0)))
+    context = multiprocessing.get_context("spawn")
+    threads = max(1, len(os.sched_getaffinity(0)) // workers)
     with Progress(names[0]) as progress:
-        if len(tasks) == 1:
-            yield judge(tasks[0], lambda done: progress(names[0], done))
-            return
-        workers = min(len(tasks), len(os.sched_getaffinity(0)))
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, context, _begin, (max(1, len(os.sched_getaffinity(0)) // workers),))
+        pool = ProcessPoolExecutor(workers, context, _begin, (threads,))
         try:
-            for n, (name, result) in enumerate(zip(names, pool.map(judge, tasks), strict=True), start=1):
-                progress(name, n / len(tasks))
-                yield result
+            waiting = {pool.submit(work, task): n for n, task in enumerate(tasks)}
+            for done, future in enumerate(as_completed(waiting), start=1):
+                progress(names[waiting[future]], done / len(tasks))
+                yield waiting[future], future.result()
         except BrokenProcessPool:
-            raise ProcessDied("a process that checked laws was killed, perhaps for want of memory") from None
+            raise ProcessDied("a process that was at work was killed, perhaps for want of memory") from None
         except BaseException:
             # the pool would otherwise wait for what nobody wants any more
             for child in multiprocessing.active_children():

@@ -18,9 +18,9 @@ import signal
 import threading
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import h5py
 import mujoco
@@ -34,6 +34,9 @@ from .registry import phenomenon
 from .run import Break, Cloud, Impact, Run
 from .scene import Mirror
 from .simulate import Compiled, build, compile, repeater, simulate_specimen
+
+if TYPE_CHECKING:
+    from render.film import Footage
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -95,7 +98,7 @@ class Job:
     def case(self) -> str:
         """The release's case id: label, background, six letters that follow from everything in the job."""
         told = {
-            "index": self.index, "parameters": self.specimen.values(), "fidelity": asdict(self.fidelity),
+            "index": self.index, "parameters": self.specimen.values(), "fidelity": self.fidelity.record(),
             "seed": self.seed, "views": self.views, "size": self.size, "modalities": sorted(self.modalities),
             "render": self.render, "photoreal": self.photoreal,
         } | ({} if self.particles else {"particles": False})  # fmt: skip
@@ -251,7 +254,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
         "format": FORMAT,
         "job": {
             "index": job.index, "label": job.specimen.label, "parameters": job.specimen.values(),
-            "fidelity": asdict(job.fidelity), "seed": job.seed, "views": job.views, "size": job.size,
+            "fidelity": job.fidelity.record(), "seed": job.seed, "views": job.views, "size": job.size,
             "modalities": list(job.modalities), "render": job.render, "photoreal": job.photoreal,
             "particles": job.particles,
         },
@@ -267,7 +270,8 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
     progress("done", 1.0)
 
 
-def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any]:
+def footage_of(job: Job, run: Run) -> Footage:
+    """What there is to film of a run, as a job asks for it; without views yet."""
     from render import film, mirrors, photoreal, raster
 
     things = {t.body: t.id for t in annotate.things(run)}
@@ -299,20 +303,27 @@ def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any
         job.photoreal, (job.seed, job.index), tuple(run.scene.mirrors), tuple(run.scene.dielectrics),
         tuple(run.scene.lamps),
     ) if job.photoreal else None  # fmt: skip
-    progress("placing cameras", 0.0)
-    blank = film.Footage(
+    return film.Footage(
         model=run.model, qpos=qpos, ids=ids, sphere=film.swept_sphere(run.model, qpos, ids, matter=matter),
         tendon_ids=tendons, coils=tuple(coils), beams=beams, faces=faces, matter=matter, look=look,
         size=(job.size, job.size),
         modalities=frozenset(job.modalities),
     )  # fmt: skip
+
+
+def _film(job: Job, run: Run, folder: Path, progress: Progress) -> dict[str, Any]:
+    from render import film
+
+    progress("placing cameras", 0.0)
+    blank = footage_of(job, run)
     views = film.plan_views(blank, job.rng(1), count=job.views)
-    footage = film.Footage(**{k: getattr(blank, k) for k in blank.__dataclass_fields__} | {"views": views})
-    total = len(views) * len(qpos)
+    footage = replace(blank, views=views)
+    frames = len(footage.qpos)
+    total = len(views) * frames
     info = film.shoot(footage, folder, progress=lambda done: progress("rendering", 0.05 + 0.95 * done / total))
     statics = []
     for number, view in enumerate(views):
-        poses = np.broadcast_to(view.poses, (len(qpos), 4, 4))
+        poses = np.broadcast_to(view.poses, (frames, 4, 4))
         camera = annotate.camera_file(
             view.name, poses, fov=footage.fov, size=job.size, fps=run.scene.fps, trajectory=job.folder, number=number
         )

@@ -22,7 +22,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import mujoco
 import numpy as np
@@ -79,12 +79,51 @@ class UnstableScene(RuntimeError):
 
 
 @dataclass(frozen=True)
+class Engine:
+    """How a scene is advanced where a study asks for another way than ours; nothing else may.
+
+    stock: by MuJoCo's steps alone, with contacts and equalities as its own constraints have them
+    integrator: of MuJoCo: with stock, and of a scene that nothing constrains
+    cone, solver: of MuJoCo, with stock
+    row: with stock: contacts whose reference is met within a step; else as MuJoCo has them by default
+    double: precision of a continuum; None: double from REFERENCE's cells on
+    frugal: leave out what the scene does not need; False to show that it changes nothing
+    """
+
+    name: str = "ours"
+    stock: bool = False
+    integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] = "RK4"
+    cone: Literal["elliptic", "pyramidal"] = "elliptic"
+    solver: Literal["Newton", "CG", "PGS"] = "Newton"
+    row: bool = True
+    double: bool | None = None
+    frugal: bool = True
+
+
+OURS: Final = Engine()
+_STOCK: Final = tuple(
+    Engine(f"stock {name}", stock=True, **({"integrator": "implicitfast"} | changes))
+    for name, changes in (
+        ("implicitfast", {}), ("Euler", {"integrator": "Euler"}), ("RK4", {"integrator": "RK4"}),
+        ("pyramidal", {"cone": "pyramidal"}), ("CG", {"solver": "CG"}), ("PGS", {"solver": "PGS"}),
+        ("soft", {"row": False}),
+    )
+)  # fmt: skip
+_INTEGRATORS: Final = (
+    Engine("Euler", integrator="Euler"), Engine("implicit", integrator="implicit"),
+    Engine("implicitfast", integrator="implicitfast"),
+)  # fmt: skip
+_PRECISIONS: Final = Engine("single precision", double=False), Engine("double precision", double=True)
+
+
+@dataclass(frozen=True)
 class Compiled:
     """A scene ready to be stepped. steps: time steps per recorded sample; stride: samples per video frame."""
 
     specimen: Phenomenon
     scene: Scene
     fidelity: Fidelity
+    engine: Engine
     model: Any
     pairs: tuple[Surface, ...]
     joined: contact.Joined
@@ -99,6 +138,24 @@ class Compiled:
         """Side of a cell of a continuum's grid [m]."""
         return self.scene.length / self.fidelity.cells
 
+    @property
+    def double(self) -> bool:
+        """Whether its continua are computed in double precision."""
+        asked = self.engine.double
+        return self.fidelity.cells >= REFERENCE.cells if asked is None else asked
+
+    @property
+    def alternatives(self) -> tuple[Engine, ...]:
+        """Other ways to advance it, for study. MuJoCo's own steps know no motors, bonds, bowls and cuts of ours."""
+        others = [engine for engine in _PRECISIONS if self.scene.continua and engine.double != self.double]
+        if not self.constrained:
+            return (*_INTEGRATORS, *others)
+        joined, touching = self.joined, bool(self.pairs)
+        if joined.motors or joined.bonds or joined.cups or self.scene.cuts or self.scene.continua:
+            return tuple(others)
+        about_contact = ("stock pyramidal", "stock soft")
+        return tuple(engine for engine in _STOCK if touching or engine.name not in about_contact)
+
 
 def build(specimen: Phenomenon) -> Scene:
     """The specimen's scene; Refusal if its parameters do not go together."""
@@ -109,7 +166,7 @@ def build(specimen: Phenomenon) -> Scene:
     return scene
 
 
-def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
+def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity, engine: Engine = OURS) -> Compiled:
     """Derive from what is in the scene what it needs: steps, contacts, flags; refuse what cannot be resolved."""
     spec = scene.spec
     frames = max(2, round(scene.duration * scene.fps))
@@ -122,7 +179,7 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
     named, cups = _contact_pairs(scene, sample / steps)
     spec.option.gravity = (0.0, 0.0, -scene.gravity)
     spec.option.timestep = sample / steps
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{engine.cone.upper()}")
     integrators = mujoco.mjtIntegrator
     spec.option.integrator = integrators.mjINT_IMPLICITFAST if named else integrators.mjINT_RK4  # the viewer's
     model = spec.compile()
@@ -132,20 +189,30 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity) -> Compiled:
         surfaces or cups or joined.motors or model.neq or model.jnt_limited.any() or model.tendon_limited.any()
         or model.dof_frictionloss.any()
     )  # fmt: skip
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.integrator = getattr(integrators, f"mjINT_{engine.integrator.upper()}")
+    model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{engine.solver.upper()}")
     model.opt.disableflags |= _DISABLE.mjDSBL_AUTORESET
-    if constrained:
+    if engine.stock:
+        if not engine.row:
+            unset = mujoco.MjSpec().add_pair(name="unset", geomname1="a", geomname2="b")
+            model.pair_solref[:], model.pair_solimp[:] = unset.solref, unset.solimp
+            model.pair_solreffriction[:] = unset.solreffriction
+    elif constrained:
         model.opt.tolerance = 1e-15
         model.opt.disableflags |= _DISABLE.mjDSBL_ISLAND
         for rows in (model.eq_solimp, model.jnt_solimp, model.tendon_solimp_lim, model.dof_solimp):
             rows[:] = contact.IMPEDANCE
-    else:
+    elif engine.frugal:
         model.opt.disableflags |= _DISABLE.mjDSBL_CONSTRAINT
-    if not (surfaces or cups):
+    if not (surfaces or cups) and engine.frugal:
         model.opt.disableflags |= _DISABLE.mjDSBL_CONTACT
     _refuse(specimen, model, scene)
-    return Compiled(specimen, scene, fidelity, model, surfaces, joined, constrained, sample / steps, steps, stride,
-                    frames * stride)  # fmt: skip
+    compiled = Compiled(specimen, scene, fidelity, engine, model, surfaces, joined, constrained, sample / steps, steps,
+                        stride, frames * stride)  # fmt: skip
+    if engine.name != OURS.name and engine.frugal and engine not in compiled.alternatives:
+        offered = ", ".join(other.name for other in compiled.alternatives) or "none"
+        raise ValueError(f"engine = {engine.name!r} of {specimen.label}; allowed: {OURS.name}, {offered}")
+    return compiled
 
 
 def _join(scene: Scene, model: Any, cups: list[tuple[Bowl, str, Surface]]) -> contact.Joined:
@@ -272,8 +339,8 @@ class Stepper:
         for name, value in compiled.scene.control.items():
             self.data.ctrl[self.model.actuator(name).id] = value
         self._switch_on()
-        constrained = compiled.constrained
-        self._solver = contact.Solver(self.model, compiled.pairs, compiled.joined) if constrained else None
+        ours = compiled.constrained and not compiled.engine.stock
+        self._solver = contact.Solver(self.model, compiled.pairs, compiled.joined) if ours else None
         self._sample, self._clock = 0, self.data.time
         self._steps, self._rate = compiled.steps, compiled.scene.fps * compiled.stride
         self._warned: list[str] = []
@@ -292,17 +359,20 @@ class Stepper:
         return Medium(
             continuum, self.model, self.data, cell=compiled.cell, gravity=compiled.scene.gravity,
             duration=compiled.samples / self._rate, driven=driven, seed=seed,
-            double=compiled.fidelity.cells >= REFERENCE.cells,
+            double=compiled.double, sparse=compiled.engine.frugal,
         )  # fmt: skip
 
     def __enter__(self) -> Stepper:
         # without a listener MuJoCo writes MUJOCO_LOG.TXT wherever it runs
         mujoco.set_mju_user_warning(self._warned.append)
-        if self._pushes:
+        if self.compiled.engine.frugal:
+            self.model.opt.disableflags |= _DISABLE.mjDSBL_SENSOR  # they are read from what is recorded
+        if self._pushes or not self.compiled.engine.frugal:
             mujoco.set_mjcb_passive(self._push)
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.model.opt.disableflags &= ~int(_DISABLE.mjDSBL_SENSOR)
         mujoco.set_mjcb_passive(None)
         mujoco.set_mju_user_warning(None)
 
@@ -373,6 +443,7 @@ class Stepper:
     def _step(self) -> None:
         solver, model, data = self._solver, self.model, self.data
         assert solver is not None
+        may_sleep = self.compiled.engine.frugal
         if solver.idle and not (self._switches or self._pushes):  # what sleeps and is left alone sleeps on
             data.time += self.compiled.step
             return
@@ -382,7 +453,7 @@ class Stepper:
         if solver.wake(data):
             solver.begin(data, self.compiled.step, self.compiled.scene.gravity or STANDARD_GRAVITY)
             self._forward()
-        if not self._switches and solver.rest(data):
+        if may_sleep and not self._switches and solver.rest(data):
             data.time += left
             return
         if self._crowded:
@@ -447,15 +518,16 @@ def simulate(
     fidelity: Fidelity = STANDARD,
     seed: int = 0,
     progress: Progress | None = None,
+    engine: Engine = OURS,
     **parameters: Any,
 ) -> Run:
     """Simulate a phenomenon, by index, label or class, with some of its parameters set.
 
-    progress: called now and then with the fraction done.
+    progress: called now and then with the fraction done; engine: for study.
     Raises LookupError (unknown index or label), ParameterError, Refusal (before the first step) and UnstableScene.
     """
     cls = which if isinstance(which, type) else phenomenon(which)
-    return simulate_specimen(cls.make(**parameters), fidelity=fidelity, seed=seed, progress=progress)
+    return simulate_specimen(cls.make(**parameters), fidelity=fidelity, seed=seed, progress=progress, engine=engine)
 
 
 def check(which: int | str | type[Phenomenon], *, fidelity: Fidelity = STANDARD, **parameters: Any) -> list[Verdict]:
@@ -471,12 +543,13 @@ def simulate_specimen(
     progress: Progress | None = None,
     gravity: float | None = None,
     boost: ArrayLike = (0.0, 0.0, 0.0),
+    engine: Engine = OURS,
 ) -> Run:
     """Simulate one specimen; `gravity` [m/s²] and `boost` (3,) [m/s] change the scene for symmetry checks."""
     scene = build(specimen)
     if gravity is not None:
         scene.gravity = gravity
-    compiled = compile(specimen, scene, fidelity)
+    compiled = compile(specimen, scene, fidelity, engine)
     model, count = compiled.model, compiled.samples
     qpos, qvel, t = np.empty((count, model.nq)), np.empty((count, model.nv)), np.empty(count)
     begun = clock.process_time()
@@ -495,7 +568,7 @@ def simulate_specimen(
     return Run(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
         stride=compiled.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=compiled.step,
-        seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed),
+        seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed, engine),
         cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
     )  # fmt: skip
 
@@ -547,11 +620,11 @@ class Film:
         return self._pushed
 
 
-def repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int) -> Callable[..., Run]:
+def repeater(specimen: Phenomenon, fidelity: Fidelity, seed: int, engine: Engine = OURS) -> Callable[..., Run]:
     """What `Run.again` calls: the same specimen with parameters, gravity or a boost changed."""
 
     def again(gravity: float | None = None, boost: ArrayLike = (0.0, 0.0, 0.0), **changes: Any) -> Run:
-        other = type(specimen).make(**(specimen.values() | changes))
-        return simulate_specimen(other, fidelity=fidelity, seed=seed, gravity=gravity, boost=boost)
+        other = specimen.altered(**changes)
+        return simulate_specimen(other, fidelity=fidelity, seed=seed, gravity=gravity, boost=boost, engine=engine)
 
     return again

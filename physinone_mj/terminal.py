@@ -149,3 +149,58 @@ def say_laws(laws: Sequence[Mapping[str, Any]]) -> None:
 def figure(value: float | None, form: str) -> str:
     """A number, or nan where a record has none."""
     return "nan" if value is None else format(value, form)
+
+
+def say_trade(table_: Mapping[str, Any]) -> None:
+    """Error against cost, as `trade.tabulate` gives it: one block for each phenomenon."""
+    for index, entry in table_.items():
+        settings = entry["settings"]
+        heads = [f"{s['steps']} steps" + (f", {s['cells']} cells" if entry["grid"] else "") for s in settings]
+        rows = table("largest error", *heads, "order", right=[*heads, "order"])
+        rows.add_row("cost", *(figure(s["cost"], ".2g") for s in settings), "")
+        for law, slope in entry["orders"].items():
+            errors = ("-" if s["laws"][law] is None else f"{s['laws'][law]:.1e}" for s in settings)
+            rows.add_row(law, *errors, "-" if slope is None else f"{slope:.1f}")
+        say(f"{index} {entry['label']}", rows)
+
+
+def span(trusted: Mapping[str, Any]) -> str:
+    """A range that was found to be trustworthy; a question mark for an end on whose side no value is."""
+    ends = (trusted.get(side) for side in ("low", "high"))
+    return " to ".join("?" if end is None else f"{end:.3g}" for end in ends)
+
+
+def say_stress(table_: Mapping[str, Any]) -> None:
+    """How the specimens of every phenomenon ended, as `stress.tabulate` gives it, and the law nearest to failing."""
+    outcomes = list(dict.fromkeys(outcome for entry in table_.values() for outcome in entry["outcomes"]))
+    numbers = ["specimens", *outcomes, "over its tolerance"]
+    rows = table("phenomenon", *numbers[:-1], "worst law", numbers[-1], right=numbers)
+    for index, entry in table_.items():
+        law, ratio = entry["worst"] or ("", None)
+        counts = (str(entry["outcomes"][outcome]) for outcome in outcomes)
+        over = "" if ratio is None else f"{ratio:.2g}"
+        rows.add_row(f"{index} {entry['label']}", str(entry["specimens"]), *counts, law, over)
+    say(rows)
+
+
+def say_cost(record: Mapping[str, Any]) -> None:
+    """What a scene costs, as `cost.measure` gives it: by stage, what was left out, what it costs with everything on."""
+    numbers = ("calls", "seconds", "share", "loops")
+    rows = table("stage", *numbers, right=numbers)
+    for stage in record["stages"]:
+        rows.add_row(stage["stage"], f"{stage['calls']}", f"{stage['seconds']:.4f}", f"{stage['share']:.1%}",
+                     f"{stage['cost']:.3g}")  # fmt: skip
+    total, unit, simulated = (record[key] for key in ("seconds", "unit", "simulated"))
+    rows.add_row("all", "", f"{total:.4f}", "100.0%", f"{total / simulated / unit:.3g}")
+    notes = [f"seconds of the processor; loops of {unit:.3g} s for each of the {simulated:.3g} s simulated"]
+    if drawn := record["pictures"]:
+        notes.append(f"{drawn['drawn']} pictures, of {drawn['size']} pixels, stand for {drawn['stand_for']}")
+    notes += [f"left out: {left['what']} ({left['why']})" for left in record["left_out"]]
+    if both := record.get("everything_on"):
+        off = ", ".join(f"{name} by up to {value:.2g}" for name, value in both["apart"].items())
+        notes.append(f"the motion alone: {both['seconds']:.4f} s; with everything on {both['with_everything']:.4f} s, "
+                     f"{both['ratio']:.3f} times as much; "
+                     + (f"its state is off: {off}" if off else "its state is the same, bit for bit"))  # fmt: skip
+    say(f"{record['index']} {record['label']} at {record['fidelity']['name']}", rows, *notes)
+    for problem in record["problems"]:
+        complain(problem)

@@ -315,7 +315,6 @@ class Raster:
         self._context = Context()
         suited = min(math.ceil(TEXELS * max(size) / 128) * 128, 4096)
         self._quality = samples, suited if shadow is None else shadow
-        self._colour, self._matter = self._buffers(*self._quality), self._buffers(0, 0)
         self._room = model.ngeom + segments + 64 * model.ntendon + 1000 + ROOM_FOR_BEAMS + ROOM_FOR_LAYERS
         self._room_for_triangles = 0
         self._make_scenes(self._model)
@@ -481,7 +480,8 @@ class Raster:
     def close(self) -> None:
         """Free the buffers and the OpenGL context."""
         self._context.make_current()
-        for buffers in (self._colour, self._matter, *self.__dict__.get("_fine", ())):
+        made = vars(self)
+        for buffers in (*(made[name] for name in ("_colour", "_matter") if name in made), *made.get("_fine", ())):
             buffers.free()
         self._context.close()
 
@@ -607,6 +607,16 @@ class Raster:
     def _picture(self, eye: Eye, head: Eye, buffers: mujoco.MjrContext) -> NDArray[np.uint8]:
         self._update(eye, self._colour_scene, self._colour_options, head)
         return self._render(eye, self._colour_scene, buffers)[0]
+
+    @cached_property
+    def _colour(self) -> mujoco.MjrContext:
+        """For colour pictures; made when the first one is asked for."""
+        return self._buffers(*self._quality)
+
+    @cached_property
+    def _matter(self) -> mujoco.MjrContext:
+        """For depth and segmentation, likewise."""
+        return self._buffers(0, 0)
 
     @cached_property
     def _fine(self) -> tuple[mujoco.MjrContext, mujoco.MjrContext]:

@@ -25,7 +25,7 @@ import physinone_mj
 from physinone_mj import checks, registry, terminal
 from physinone_mj.__main__ import chosen, main, settings
 from physinone_mj.base import Law, Phenomenon, Verdict
-from physinone_mj.checks import judge_all
+from physinone_mj.checks import judge, spread
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.registry import entries, phenomenon
 
@@ -399,8 +399,8 @@ def test_not_evaluated_is_neither_passed_nor_failed(physinone: Any) -> None:
 
 def test_processes_end_with_what_asked_for_them() -> None:
     tasks: list[Any] = [(10, {}, DRAFT), (10, {"height": 1.0}, DRAFT), (10, {"height": 0.5}, DRAFT)]
-    judgements = judge_all(tasks, ["one", "two", "three"])
-    records, line = next(judgements)
+    judgements = spread(judge, tasks, ["one", "two", "three"])
+    _, (records, line) = next(judgements)
     assert line is None
     assert {record["label"] for record in records} == {"VerticalFall"}
     judgements.close()
@@ -411,7 +411,7 @@ def test_a_process_that_is_killed_is_one_line(physinone: Any, monkeypatch: pytes
     def killed(*_: Any) -> Any:
         raise BrokenProcessPool("terminated abruptly")
 
-    monkeypatch.setattr(checks.ProcessPoolExecutor, "map", killed)
+    monkeypatch.setattr(checks.ProcessPoolExecutor, "submit", killed)
     refused(physinone("check", "10", "46"), "was killed")
 
 

@@ -102,6 +102,17 @@ def test_every_object_says_what_it_is_made_of(index: int) -> None:
 
 
 @each
+def test_every_object_has_a_mesh(index: int) -> None:
+    """Which a scene folder holds."""
+    run = nominal(index, DRAFT)
+    for thing in annotate.things(run):
+        mesh = annotate.mesh(run, thing)
+        assert np.isfinite(mesh.vertices).all()
+        if len(mesh.vertices) and thing.body:
+            assert 0 < np.ptp(mesh.vertices, axis=0).max() < 1e3, thing.name
+
+
+@each
 def test_moving_bodies_have_their_frame_at_the_centre_of_mass(index: int) -> None:
     model = nominal(index, DRAFT).model
     moving = np.flatnonzero(model.body_weldid != 0)

@@ -1,0 +1,449 @@
+"""What an answer's error is and what it costs, measured: every law of a phenomenon at ever finer settings.
+
+A setting is a `Fidelity`: of the LADDER for what is rigid, of the GRIDS for matter. The nominal specimen climbs all of
+it; random ones until no error gets smaller any more. From that comes, for every law and setting, the largest error over
+the ranges of the parameters, and the observed order of convergence; `fidelity.cheapest` picks from it by tolerance.
+
+A cost is the processor's time of the scene's own run (not of the laws' twins) for a simulated second, over that of a
+loop of fixed work beside it, `calibrate`: so it carries from machine to machine, as far as they are alike.
+
+For study the nominal specimen is also advanced in each other way that the engine offers (`Compiled.alternatives`).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+import statistics
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import mujoco
+import numpy as np
+
+from . import __version__
+from .base import NotEvaluated, ParameterError, Phenomenon, Refusal
+from .checks import spread
+from .fidelity import DRAFT, SAFETY, Fidelity
+from .registry import phenomenon
+from .simulate import OURS, Engine, UnstableScene, build, compile, simulate_specimen
+from .terminal import figure
+
+Record: TypeAlias = dict[str, Any]
+"""What came of one specimen at one setting, as JSON values: see `climb`."""
+
+LADDER: Final = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in (16, 32, 64, 128, 256, 512))
+GRIDS: Final = tuple(
+    Fidelity(f"{cells} cells", steps, cells, 4) for steps, cells in ((64, 8), (128, 12), (256, 16), (512, 24))
+)
+"""For matter; its cells cost the fourth power."""
+SPECIMENS: Final = 8
+"""Random ones, unless told otherwise."""
+FINEST: Final = 64
+"""Steps at which random specimens stop climbing; beyond, their errors are taken to shrink as the nominal one's."""
+STUDIED: Final = (64,)
+"""Steps at which other engines are tried."""
+FLOOR: Final = 1e-11
+"""Relative error of round-off: less is not to be had."""
+GAIN: Final = 0.7
+"""An error that is not smaller than this, over that of the setting before, has stopped shrinking."""
+_LOOP: Final = 20_000
+_BALLS: Final = """
+<mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0"/><geom size=".1" pos="0 0 -1"/>
+<body pos="0 0 -1"><joint axis="0 1 0"/><geom size=".1" pos="0 0 -1"/></body></body></worldbody></mujoco>
+"""
+
+
+@functools.cache
+def _pendulum() -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(_BALLS)
+    return model, mujoco.MjData(model)
+
+
+def calibrate() -> float:
+    """Processor time [s] of a fixed work, the unit of cost: 20 000 Runge-Kutta steps of a double pendulum."""
+    model, data = _pendulum()
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = 1.0, 0.5
+    begun = time.process_time()
+    mujoco.mj_step(model, data, _LOOP)
+    return time.process_time() - begun
+
+
+def ladder(cls: type[Phenomenon]) -> tuple[Fidelity, ...]:
+    """The settings of a phenomenon, from coarse to fine."""
+    return GRIDS if build(cls.make()).continua else LADDER
+
+
+def specimen(cls: type[Phenomenon], seed: int, number: int) -> Phenomenon:
+    """Number 0 is the nominal one, the others are drawn over the full ranges; one that is refused is drawn anew."""
+    if not number:
+        return cls.make()
+    for attempt in range(100):
+        drawn = cls.sample(np.random.default_rng([seed, cls.index, number, attempt]))
+        try:
+            compile(drawn, build(drawn), Fidelity("finest", 1 << 20, 32, 4))
+        except Refusal as refusal:
+            if refusal.rule == "R10":  # too many steps at that fidelity, which nobody asks for
+                return drawn
+            continue
+        return drawn
+    raise ValueError(f"{cls.label}: 100 random specimens were refused; seed = {seed}")
+
+
+def attempt(what: Phenomenon, setting: Fidelity, engine: Engine = OURS) -> Record:
+    """One specimen at one setting: how it ended, its cost, and each law's error or the reason why there is none."""
+    record: Record = {"steps": setting.steps, "cells": setting.cells, "engine": engine.name, "outcome": "done"}
+    unit = calibrate()
+    try:
+        run = simulate_specimen(what, fidelity=setting, engine=engine)
+    except (Refusal, UnstableScene) as why:
+        kind = "refused" if isinstance(why, Refusal) else "unstable"
+        return record | {"outcome": kind, "why": " ".join(str(why).split())}
+    unit = (unit + calibrate()) / 2
+    simulated = float(run.t[-1])
+    record |= {"seconds": run.seconds, "simulated": simulated, "cost": run.seconds / simulated / unit}
+    record |= {"step": run.step, "resolved": run.scene.time / run.step}
+    record["state"] = [*run.qpos[len(run) // 4], *run.qpos[len(run) // 2]]
+    errors: dict[str, float | None] = {}
+    silent: dict[str, str] = {}
+    for law in what.laws().values():
+        try:
+            error = law.error(*law.measure(what, run))[0]
+        except (NotEvaluated, Refusal, UnstableScene, ParameterError) as why:
+            errors[law.name], silent[law.name] = None, " ".join(str(why).split())
+        except (ArithmeticError, IndexError, KeyError, ValueError) as why:
+            if engine is OURS:
+                raise
+            # another engine may not record what a law reads: impacts, loads
+            errors[law.name], silent[law.name] = None, f"{type(why).__name__}: {why}"
+        else:
+            # JSON knows no infinity; what has none is worse than any tolerance
+            errors[law.name] = error if math.isfinite(error) else 1e300
+    return record | {"errors": errors, "silent": silent}
+
+
+Rung: TypeAlias = "tuple[int, int, int, bool]"
+"""Index, seed, number of the specimen, whether other engines are tried."""
+
+
+def climb(rung: Rung) -> list[Record]:
+    """All that is measured of one specimen: its records from coarse to fine, those of other engines last."""
+    index, seed, number, study = rung
+    cls = phenomenon(index)
+    what, settings = specimen(cls, seed, number), ladder(cls)
+    simulate_specimen(cls.make(), fidelity=settings[0])  # compilers do their work before anything is timed
+    head = {"version": __version__, "index": index, "seed": seed, "specimen": number, "values": what.values()}
+    records: list[Record] = []
+    for setting in settings:
+        if number and setting.steps > FINEST:
+            break
+        # samples are a few steps apart at least: settings coarser than that are one
+        same = records and "step" in records[-1] and _step(what, setting) == records[-1]["step"]
+        new = records[-1] | {"steps": setting.steps, "cells": setting.cells} if same else attempt(what, setting)
+        records.append(head | new)
+        if number and _stopped(records):
+            break
+    if study:
+        for setting in settings:
+            if setting.steps in STUDIED:
+                for engine in compile(what, build(what), setting).alternatives:
+                    records.append(head | attempt(what, setting, engine))
+    return records
+
+
+def _step(what: Phenomenon, setting: Fidelity) -> float | None:
+    """The time step of a rigid scene [s]; None if matter has a grid beside it, or the scene is refused."""
+    try:
+        compiled = compile(what, build(what), setting)
+    except Refusal:
+        return None
+    return None if compiled.scene.continua else compiled.step
+
+
+def _stopped(records: Sequence[Record]) -> bool:
+    """Whether no law's error shrinks any more: twice in a row, or it is that of round-off."""
+    apart = {(record["step"], record["cells"]): record["errors"] for record in records if record["outcome"] == "done"}
+    done = list(apart.values())[-3:]
+    if len(done) < 2:
+        return False
+    last = {name: error for name, error in done[-1].items() if error is not None}
+    if all(error <= FLOOR for error in last.values()):
+        return True
+    return len(done) == 3 and all(
+        error <= FLOOR or all(
+            earlier.get(name) is not None and later.get(name) is not None and later[name] > GAIN * earlier[name]
+            for earlier, later in itertools.pairwise(done)
+        )
+        for name, error in last.items()
+    )  # fmt: skip
+
+
+def measure(rungs: Sequence[Rung], path: Path) -> list[Record]:
+    """Climb what has not been climbed yet; a line of the file at `path` is one specimen's records, added as they come.
+
+    Run again, it goes on where it was stopped. ValueError if the file is not of this version.
+    """
+    known = read(path)
+    todo = [rung for rung in rungs if rung not in known]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    names = [f"{index} {phenomenon(index).label}, specimen {number}" for index, _, number, _ in todo]
+    for n, records in spread(climb, todo, names):
+        known[todo[n]] = records
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([todo[n], records], allow_nan=False) + "\n")
+    return [record for rung in rungs for record in known[rung]]
+
+
+def read(path: Path) -> dict[Rung, list[Record]]:
+    """What a file of `measure` holds; a last line that was cut off does not count."""
+    if not path.exists():
+        return {}
+    known: dict[Rung, list[Record]] = {}
+    lines = path.read_text(encoding="utf-8").split("\n")
+    if lines[-1]:
+        path.write_text("\n".join([*lines[:-1], ""]), encoding="utf-8")
+    for line in lines[:-1]:
+        (index, seed, number, study), records = json.loads(line)
+        if any(record["version"] != __version__ for record in records):
+            raise ValueError(f"{path}: measured with version {records[0]['version']}; allowed: {__version__}, or "
+                             f"another file")  # fmt: skip
+        known[int(index), int(seed), int(number), bool(study)] = records
+    return known
+
+
+def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | None:
+    """Observed order of convergence: slope of log error against log fineness (1/step, 1/cell) while the error shrinks.
+
+    Of the last three settings of the longest stretch in which each error is less than half of the one before and above
+    round-off, without its end if that is clearly flatter; None if there are not three.
+    """
+    apart = dict(zip(fineness, errors, strict=True))
+    known = [(n, e) for n, e in sorted(apart.items()) if e is not None and FLOOR < e < 1e300]
+    best: list[tuple[float, float]] = []
+    for start in range(len(known)):
+        part = [known[start]]
+        for n, e in known[start + 1 :]:
+            if not e < part[-1][1] / 2:
+                break
+            part.append((n, e))
+        if len(part) > len(best):
+            best = part
+    if len(best) > 3:
+        steep, flat = (math.log(best[i - 1][1] / best[i][1]) / math.log(best[i][0] / best[i - 1][0]) for i in (-2, -1))
+        best = best[:-1] if flat < 0.85 * steep else best
+    if len(best) < 3:
+        return None
+    n, e = np.log(np.array(best[-3:])).T
+    return float(-np.polyfit(n, e, 1)[0])
+
+
+def tabulate(records: Iterable[Record]) -> dict[str, Any]:
+    """What is kept of the records, by index: of each setting its cost and every law's largest error over all specimens.
+
+    A specimen that stopped climbing keeps its last errors; beyond FINEST the largest error shrinks as the nominal one.
+    """
+    by_index: dict[int, list[Record]] = defaultdict(list)
+    for record in records:
+        by_index[record["index"]].append(record)
+    return {str(index): _table(index, found) for index, found in sorted(by_index.items())}
+
+
+def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
+    ours = [r for r in records if r["engine"] == OURS.name]
+    numbers = sorted({r["specimen"] for r in ours})
+    at = {(r["specimen"], r["steps"]): r for r in ours}
+    nominal = [r for r in ours if r["specimen"] == 0]
+    laws = list(phenomenon(index).laws())
+    settings: list[dict[str, Any]] = []
+    latest: dict[int, dict[str, float | None]] = {}
+    broken: dict[int, bool] = {}
+    worst: dict[str, float] = {}
+    share = 1.0
+    for setting in ladder(phenomenon(index)):
+        base = at.get((0, setting.steps))
+        if base is None:
+            continue
+        for number in numbers:
+            record = at.get((number, setting.steps))
+            if record is not None:
+                broken[number] = record["outcome"] != "done"
+                latest[number] = record.get("errors", {})
+        own = base.get("errors", {})
+        if setting.steps <= FINEST:
+            known = {law: [x for e in latest.values() if (x := e.get(law)) is not None] for law in laws}
+            worst = {law: max(errors, default=math.nan) for law, errors in known.items()}
+        elif settings:
+            before = settings[-1]["nominal"]
+            worst = {
+                law: w * min(1.0, own[law] / before[law]) if own.get(law) is not None and before.get(law) else w
+                for law, w in worst.items()
+            }
+        costs = [at[number, setting.steps]["cost"] for number in numbers
+                 if "cost" in at.get((number, setting.steps), {})]  # fmt: skip
+        if setting.steps <= FINEST and costs and "cost" in base:
+            share = statistics.median(costs) / base["cost"]  # of the usual specimen's cost in the nominal one's
+        settings.append({
+            "steps": setting.steps, "cells": setting.cells,
+            "cost": share * base["cost"] if "cost" in base else None, "resolved": base.get("resolved"),
+            "broken": sum(broken.values()),
+            "unstable": sum(at.get((number, setting.steps), base)["outcome"] == "unstable" for number in numbers),
+            "specimens": len(numbers), "nominal": {law: own.get(law) for law in laws},
+            "laws": {law: None if math.isnan(worst[law]) else worst[law] for law in laws},
+        })  # fmt: skip
+    grid = ladder(phenomenon(index)) is GRIDS
+    done = [r for r in nominal if r["outcome"] == "done"]
+    fineness = [float(r["cells"]) if grid else 1 / r["step"] for r in done]
+    orders = {law: order(fineness, [r["errors"][law] for r in done]) for law in laws}
+    states = np.array([r["state"] for r in done])
+    gaps = np.abs(states - states[-1:]).max(axis=1, initial=0.0) / max(np.abs(states).max(initial=0.0), 1e-9)
+    path = order(fineness[:-1], gaps[:-1].tolist())
+    engines = [
+        {"engine": r["engine"], "steps": r["steps"], "cells": r["cells"], "outcome": r["outcome"],
+         "cost": r.get("cost"), "errors": r.get("errors", {})}
+        for r in records if r["engine"] != OURS.name and r["specimen"] == 0
+    ]  # fmt: skip
+    head = {"label": phenomenon(index).label, "grid": grid, "path_order": path}
+    return head | {"settings": settings, "orders": orders, "engines": engines}
+
+
+def rows(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A table flat: one row for a law at a setting, as for CSV."""
+    return [
+        {
+            "index": int(index), "label": entry["label"], "law": law, "steps": setting["steps"],
+            "cells": setting["cells"], "cost": setting["cost"], "nominal_error": setting["nominal"][law],
+            "largest_error": setting["laws"][law], "specimens": setting["specimens"], "broken": setting["broken"],
+            "order": entry["orders"][law],
+        }
+        for index, entry in table.items() for setting in entry["settings"] for law in setting["laws"]
+    ]  # fmt: skip
+
+
+def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those (cost, error) that no other one beats in both, in the order of cost."""
+    best: list[tuple[float, float]] = []
+    for cost, error in sorted(points):
+        if not best or error < best[-1][1]:
+            best.append((cost, error))
+    return best
+
+
+def worst(setting: Mapping[str, Any], key: str = "laws") -> float | None:
+    """Largest error of any law at a setting; None if none was evaluated or a specimen could not be simulated."""
+    errors = [error for error in setting[key].values() if error is not None]
+    return None if setting["broken"] or not errors else max(errors)
+
+
+def plot(entry: Mapping[str, Any], path: Path) -> None:
+    """Error against cost of one phenomenon, double logarithmic: each law, the worst of them, other engines, the Pareto
+    front. ImportError if matplotlib is missing (`pip install physinone-mj[study]`)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure_ = Figure(figsize=(8.0, 5.0), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure_)
+    axes = figure_.subplots()
+    settings = [s for s in entry["settings"] if s["cost"] is not None]
+    for law in settings[0]["laws"]:
+        points = [(s["cost"], max(s["laws"][law], 1e-16)) for s in settings if s["laws"][law] is not None]
+        if points:
+            slope = entry["orders"][law]
+            label = law.replace("_", " ") + (f" (order {slope:.1f})" if slope is not None else "")
+            axes.plot(*zip(*points, strict=True), marker=".", linewidth=1, label=label)
+    ours = [(s["cost"], w) for s in settings if (w := worst(s)) is not None]
+    others = [
+        (e["cost"], max(errors), e["engine"]) for e in entry["engines"]
+        if e["cost"] and (errors := [x for x in e["errors"].values() if x is not None and 0 < x < 1e300])
+    ]  # fmt: skip
+    marks = itertools.cycle("sD^v<>pX*")
+    for name, group in itertools.groupby(sorted(others, key=lambda o: o[2]), key=lambda o: o[2]):
+        costs, heights, _ = zip(*group, strict=True)
+        axes.scatter(costs, heights, marker=next(marks), s=22, alpha=0.6, label=name)
+    best = front([*ours, *((cost, error) for cost, error, _ in others)])
+    if best:
+        look: dict[str, Any] = {"color": "black", "linewidth": 2.5, "alpha": 0.35}
+        axes.step(*zip(*best, strict=True), where="post", label="Pareto front", **look)
+    axes.set(xscale="log", yscale="log", xlabel="cost of a simulated second [calibration loops]",
+             ylabel="largest error of a law over the parameters' ranges", title=entry["label"])  # fmt: skip
+    axes.grid(visible=True, which="major", alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure_.savefig(path)
+
+
+def problems(table: Mapping[str, Any]) -> list[str]:
+    """What no honest program would show, a line each: steps that do not follow the setting, specimens that break, laws
+    that neither converge nor are at round-off nor say what limits them."""
+    found = []
+    for index, entry in table.items():
+        name = f"{index} {entry['label']}"
+        for s in entry["settings"]:
+            if s["resolved"] is not None and s["resolved"] < s["steps"] * (1 - 1e-6):
+                found.append(f"{name}: {s['resolved']:.3g} steps of its shortest time; asked for: {s['steps']}")
+            if s["unstable"] and s["steps"] >= DRAFT.steps:
+                found.append(f"{name}: {s['unstable']} of {s['specimens']} specimens unstable at {s['steps']} steps")
+        laws, settings = phenomenon(int(index)).laws(), [s for s in entry["settings"] if s["cost"] is not None]
+        for law in entry["orders"]:
+            errors = [e for s in settings if (e := s["nominal"][law]) is not None]
+            floor = laws[law].within[2] if laws[law].unit else 1000 * FLOOR
+            if len(errors) > 2 and not laws[law].limited_by and errors[-1] > max(floor, errors[0] / 4):
+                found.append(f"{name}: {law} errs by {errors[0]:.2g} at the coarsest setting, by {errors[-1]:.2g} at "
+                             f"the finest, and names nothing that limits it")  # fmt: skip
+    return found
+
+
+TOLERANCES: Final = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+"""For which the page tells the cheapest setting."""
+
+
+def page(table: Mapping[str, Any]) -> str:
+    """The table as a page of Markdown."""
+    count = max((s["specimens"] for entry in table.values() for s in entry["settings"]), default=0)
+    lines = [
+        "# Error against cost", "", "Generated by `physinone trade --report`; not to be edited.", "",
+        f"Errors are the largest of {count} specimens each, the nominal one and random ones over the full ranges; "
+        "relative, or in the law's own unit. A cost is the processor's time for a simulated second, over that of "
+        f"{_LOOP} Runge-Kutta steps of a double pendulum beside it.", "",
+        "## The cheapest setting for a tolerance", "",
+        "Steps (cells, of matter) and cost; a dash: no setting reaches it, and what the best one reaches stands in the "
+        "last column. `physinone run N --tolerance` picks the same.", "",
+        "| phenomenon | " + " | ".join(f"{t:.0e}" for t in TOLERANCES) + " | best |",
+        "|---" * (len(TOLERANCES) + 2) + "|",
+    ]  # fmt: skip
+    for index, entry in table.items():
+        known = [(s["cost"], w, s) for s in entry["settings"] if (w := worst(s)) is not None]
+        cells = []
+        for tolerance in TOLERANCES:
+            enough = [(cost, s) for cost, error, s in known if SAFETY * error <= tolerance]
+            cost, s = min(enough, key=lambda pair: pair[0]) if enough else (None, None)
+            cells.append(f"{s['cells' if entry['grid'] else 'steps']}: {cost:.2g}" if s else "-")
+        best = min((SAFETY * error for _, error, _ in known), default=None)
+        lines.append(f"| {index} {entry['label']} | {' | '.join(cells)} | {figure(best, '.1e')} |")
+    for index, entry in table.items():
+        settings = entry["settings"]
+        lines += ["", f"## {index} {entry['label']}", ""]
+        heads = [f"{s['steps']}" + (f" ({s['cells']} cells)" if entry["grid"] else "") for s in settings]
+        lines += ["| steps | " + " | ".join(heads) + " | order |", "|---" * (len(settings) + 2) + "|"]
+        lines.append("| cost | " + " | ".join(figure(s["cost"], ".2g") for s in settings) + " | |")
+        if any(s["broken"] for s in settings):
+            lines.append("| specimens refused or unstable | " + " | ".join(str(s["broken"]) for s in settings) + " | |")
+        for law, slope in entry["orders"].items():
+            errors = " | ".join("-" if s["laws"][law] is None else f"{s['laws'][law]:.1e}" for s in settings)
+            lines.append(f"| {law.replace('_', ' ')} | {errors} | {'-' if slope is None else f'{slope:.1f}'} |")
+        if entry["path_order"] is not None:
+            slope = entry["path_order"]
+            lines += ["", f"Positions at a quarter and a half of the time converge with order {slope:.1f}."]
+        if entry["engines"]:
+            lines += ["", "| engine, nominal | steps | cost | largest error | law |", "|---|---|---|---|---|"]
+        for other in entry["engines"]:
+            errors_ = {law: e for law, e in other["errors"].items() if e is not None}
+            law = max(errors_, key=lambda name: errors_[name]) if errors_ else ""
+            found = f"{errors_[law]:.1e}" if errors_ else other["outcome"]
+            lines.append(f"| {other['engine']} | {other['steps']} | {figure(other['cost'], '.2g')} | {found} | "
+                         f"{law.replace('_', ' ')} |")  # fmt: skip
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,514 @@
+"""The stress run: what is sound is called so, and every way of being broken is noticed."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import mujoco
+import numpy as np
+import pytest
+
+from physinone_mj import fidelity, registry, stress
+from physinone_mj.__main__ import main
+from physinone_mj.base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal, law, observable
+from physinone_mj.constants import STANDARD_GRAVITY as g
+from physinone_mj.contact import Surface
+from physinone_mj.effects import Magnets
+from physinone_mj.fidelity import DRAFT, STANDARD
+from physinone_mj.registry import phenomenon
+from physinone_mj.run import Run
+from physinone_mj.scene import Motor, Scene, free_pose
+from physinone_mj.simulate import Stepper, simulate_specimen
+
+RADIUS = 0.05
+
+
+class Bounce(Phenomenon, domain="mechanics"):
+    """A ball falls and bounces."""
+
+    height: Annotated[float, Param("m", 0.5, 2.0, "lowest point above the floor")] = 1.0
+    restitution: Annotated[float, Param("1", 0.0, 0.9, "ball against floor")] = 0.5
+    mass: Annotated[float, Param("kg", 0.1, 5.0, "ball")] = 0.5
+    count: Annotated[int, Param("1", 1, 2, "balls")] = 1
+    floor: Annotated[Literal["there", "absent"], Choice("what the ball falls on")] = "there"
+
+    def build(self, scene: Scene) -> None:
+        if self.height > 10:
+            raise Refusal("R12", f"height = {self.height} m; allowed: 10 m")
+        surface = Surface(restitution=self.restitution)
+        scene.material("stage/floor", 1000.0, surface)
+        for i in range(self.count):
+            ball = scene.add("ball", f"ball{i}")
+            ball.geom("ball").size[0], ball.geom("ball").mass = RADIUS, self.mass
+            scene.start[ball.name("free")] = free_pose((0, i, self.height + RADIUS))
+            scene.material(ball.name("ball"), self.mass / (4 / 3 * pi * RADIUS**3), surface)
+            if self.floor == "there":
+                scene.touch(ball.name("ball"), "stage/floor")
+        scene.resolve(time=0.1, length=RADIUS, duration=0.8)
+
+    def fallen(self, run: Run) -> tuple[Any, Any]:
+        """Until it lands at the latest: how far, and how far it should be."""
+        mask = run.t < math.sqrt(2 * self.height / g)
+        return self.height + RADIUS - run.position("ball0/ball")[mask, 2], g * run.t[mask] ** 2 / 2
+
+    @observable("m")
+    def path(self, run: Run) -> Any:
+        """Of the first ball."""
+        return run.position("ball0/ball")
+
+    @law("s = g t²/2", source="a test", within=(1e-6, 1e-6, 1e-6))
+    def falls_with_g(self, run: Run) -> tuple[Any, Any]:
+        return self.fallen(run)
+
+    def caption(self, run: Run) -> str:
+        return "A ball falls."
+
+
+def other(**methods: Any) -> type[Bounce]:
+    """A phenomenon like `Bounce` that differs in some methods or parameters."""
+    kinds = methods.pop("__annotations__", {})
+    space = {"__module__": __name__, "__doc__": "Another ball falls.", "__annotations__": kinds, **methods}
+    made: type[Bounce] = type(Bounce)("Other", (Bounce,), space, domain="mechanics")
+    return made
+
+
+def examined(what: Phenomenon, **options: Any) -> dict[str, Any]:
+    """The record, which has to be JSON."""
+    record = stress.examine(what, DRAFT, **options)
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+    return record
+
+
+def wrong(record: dict[str, Any]) -> list[str]:
+    assert record["outcome"] == "broken", record
+    return [one["what"] for one in record["wrong"]]
+
+
+@pytest.fixture
+def handled(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Run], Run]], dict[str, Any]]:
+    """Examine a nominal specimen whose run somebody has had his hands on."""
+
+    def record(hands: Callable[[Run], Run]) -> dict[str, Any]:
+        monkeypatch.setattr(stress, "simulate_specimen", lambda *a, **k: hands(simulate_specimen(*a, **k)))
+        return examined(Bounce())
+
+    return record
+
+
+def test_what_is_sound() -> None:
+    record = examined(Bounce())
+    assert record["outcome"] == "sound", record
+    assert record["inside"]
+    assert record["wrong"] == []
+    assert record["laws"].keys() == {"falls_with_g"}
+    assert record["energy"] < 1e-6
+    assert record["overlap"] < 1e-6
+
+
+def test_a_clamp_on_velocity_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = Stepper.advance
+
+    def advance(stepper: Stepper) -> None:
+        honest(stepper)
+        np.clip(stepper.data.qvel, -2.0, 2.0, out=stepper.data.qvel)
+
+    monkeypatch.setattr(Stepper, "advance", advance)
+    assert wrong(examined(Bounce())) == ["falls_with_g"]
+
+
+def test_energy_from_nowhere_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = Stepper.advance
+
+    def advance(stepper: Stepper) -> None:
+        honest(stepper)
+        stepper.data.qvel *= 1.001
+
+    monkeypatch.setattr(Stepper, "advance", advance)
+
+    def decides_nothing(self: Any, run: Run) -> Any:
+        raise NotEvaluated("not asked")
+
+    lawless = other(falls_with_g=law("?", source="a test", within=(1.0, 1.0, 1.0))(decides_nothing))
+    assert wrong(examined(lawless())) == ["energy"]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Not a number, from a time on."""
+
+    after: float
+
+    def bind(self, model: Any) -> Callable[[Any], None]:
+        body = model.body("ball0/ball").id
+
+        def push(data: Any) -> None:
+            data.xfrc_applied[body, 0] += math.nan if data.time > self.after else 0.0
+
+        return push
+
+    def potential(self, model: Any, data: Any) -> float:
+        return 0.0
+
+
+def has_fits(self: Any, scene: Scene) -> None:
+    Bounce.build(self, scene)
+    scene.effects.append(Fit(0.3))
+    scene.speed["ball0/free"] = (1.0, 0, 0, 0, 0, 0)
+
+
+def test_what_breaks_says_so() -> None:
+    record = examined(other(build=has_fits)(floor="absent"))
+    assert record["outcome"] == "unstable"
+    assert "broke at t = 0.3" in record["line"]
+
+
+@pytest.mark.parametrize("inspected", [True, False])
+def test_a_silent_reset_is_noticed(inspected: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = sys.modules[Stepper.__module__]  # the package has a function of that name
+    honest = engine.compile
+
+    def compile(*arguments: Any) -> Any:
+        compiled = honest(*arguments)
+        compiled.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        return compiled
+
+    monkeypatch.setattr(engine, "compile", compile)
+    if not inspected:
+        monkeypatch.setattr(Stepper, "inspect", lambda self: None)
+    record = examined(other(build=has_fits)(floor="absent"))
+    if inspected:
+        assert record["outcome"] == "unstable"
+        assert "clock stands" in record["line"]
+    else:
+        (what,) = wrong(record)
+        assert what.startswith("ball0/ball jumps at t = 0.3")
+
+
+def test_what_is_not_finite_is_noticed(handled: Any) -> None:
+    def hands(run: Run) -> Run:
+        qvel = run.qvel.copy()
+        qvel[-1, 0] = math.inf
+        return dataclasses.replace(run, qvel=qvel)
+
+    assert wrong(handled(hands)) == ["numbers that are not finite"]
+
+
+def test_a_clock_that_stands_is_noticed(handled: Any) -> None:
+    assert "time does not go on" in wrong(handled(lambda run: dataclasses.replace(run, t=np.minimum(run.t, 0.7))))
+
+
+def test_a_run_that_is_cut_off_is_noticed(handled: Any) -> None:
+    def hands(run: Run) -> Run:
+        half = len(run) // 2
+        return dataclasses.replace(run, t=run.t[:half], qpos=run.qpos[:half], qvel=run.qvel[:half])
+
+    assert wrong(handled(hands)) == ["the end is missing"]
+
+
+def test_an_overlap_is_noticed(handled: Any) -> None:
+    def hands(run: Run) -> Run:
+        qpos = run.qpos.copy()
+        qpos[:, 2] -= 0.2
+        return dataclasses.replace(run, qpos=qpos)
+
+    found = wrong(handled(hands))
+    assert any(what.startswith("overlap of ") and "ball0/ball" in what for what in found), found
+
+
+def test_a_crash_says_where() -> None:
+    def stumbles(self: Any, run: Run) -> Any:
+        return [][0]
+
+    record = examined(other(caption=stumbles)())
+    assert record["outcome"] == "crashed"
+    assert record["line"].startswith("caption: IndexError: list index out of range")
+    record = examined(other(path=observable("m")(stumbles))())
+    assert record["line"].startswith("observable stumbles: IndexError")
+    first = other(falls_with_g=law("s = g t²/2", source="a test", within=(1.0, 1.0, 1.0))(stumbles))
+    assert examined(first())["line"].startswith("law stumbles: IndexError")
+
+
+@pytest.mark.parametrize(
+    ("failure", "beyond"),
+    [
+        (ZeroDivisionError("division by zero"), "crashed"),
+        (np.linalg.LinAlgError("singular; allowed: what is not"), "crashed"),
+        (ValueError("math domain error"), "crashed"),
+        (ValueError("friction = -1; allowed: 0 or more"), "refused"),
+    ],
+    ids=lambda value: str(value)[:10],
+)
+def test_only_a_check_refuses_and_only_beyond_the_ranges(failure: Exception, beyond: str) -> None:
+    def build(self: Any, scene: Scene) -> None:
+        raise failure
+
+    cls = other(build=build)
+    assert examined(cls())["outcome"] == "crashed"
+    record = examined(cls.outside(mass=100.0))
+    assert record["outcome"] == beyond
+    assert not record["inside"]
+    assert record.get("rule") == ("model" if beyond == "refused" else None)
+
+
+def test_what_the_compiler_declines_is_refused() -> None:
+    assert examined(Bounce.outside(mass=-1.0))["rule"] == "model"
+
+
+@pytest.mark.parametrize(
+    "why", [NotEvaluated("too short"), ParameterError("out of range"), Refusal("R3", "no")], ids=lambda why: str(why)
+)
+def test_what_cannot_be_decided_is_no_failure(why: Exception) -> None:
+    def asks(self: Any, run: Run) -> Any:
+        raise why
+
+    record = examined(other(falls_with_g=law("?", source="a test", within=(1.0, 1.0, 1.0))(asks))())
+    assert record["outcome"] == "sound"
+    assert record["laws"] == {}
+    assert list(record["silent"]) == ["asks"]
+
+
+def test_nobody_waits_for_ever() -> None:
+    record = examined(Bounce(), limit=0.005)
+    assert record["outcome"] == "unfinished"
+    assert "0.005 s" in record["line"]
+
+
+def test_whose_work_nobody_accounts_for() -> None:
+    scene = Scene()
+    assert stress.work_done(scene) is None
+    scene.motors.append(Motor("hinge", ((0.0, 0.0),)))
+    scene.effects.append(Magnets((), 0.01))
+    assert stress.work_done(scene) is None
+    scene.motors.append(Motor("hinge", ((0.0, 1.0),)))
+    assert stress.work_done(scene) == "work of a motor"
+    scene.effects.append(Fit(1.0))
+    assert stress.work_done(scene) == "work of Fit"
+
+
+@pytest.mark.parametrize("sizes", [(2,) * 12, (2, 2, 3, 5, 2), (7, 2, 4, 3, 1, 2), (6, 5)])
+def test_every_two_levels_meet(sizes: tuple[int, ...]) -> None:
+    rows = stress.covering(sizes, seed=1)
+    for (i, m), (j, n) in itertools.combinations(enumerate(sizes), 2):
+        assert {(row[i], row[j]) for row in rows} == set(itertools.product(range(m), range(n)))
+    assert all(0 <= k < m for row in rows for k, m in zip(row, sizes, strict=True))
+    largest, next_ = sorted(sizes)[: -3 : -1]
+    assert len(rows) <= max(2 * largest * next_, 14)
+    assert rows == stress.covering(sizes, seed=1)
+
+
+def test_few_corners_are_all_tried() -> None:
+    assert sorted(stress.covering((2, 2, 2, 2), seed=0)) == list(itertools.product(range(2), repeat=4))
+
+
+@pytest.mark.parametrize("index", [10, 46, 33])
+def test_the_box(index: int) -> None:
+    cls = phenomenon(index)
+    found = stress.box(cls, seed=3, latin=6)
+    assert found == stress.box(cls, seed=3, latin=6)
+    assert found[0] == cls.make()
+    assert all(what.checked for what in found)
+    assert len(set(found)) == len(found)
+    declared = {name: param for name, (param, _) in cls.declarations().items()}
+    ends = {name: (p.words if isinstance(p, Choice) else (p.low, p.high)) for name, p in declared.items()}
+    for first, second in itertools.combinations(ends, 2):
+        met = {(getattr(what, first), getattr(what, second)) for what in found}
+        assert set(itertools.product(ends[first], ends[second])) <= met
+    for name, values in ends.items():
+        assert all(dataclasses.replace(cls.make(), **{name: value}) in found for value in values)
+    for name, (param, kind) in cls.declarations().items():
+        if isinstance(param, Param) and kind is float:  # one of the six in each sixth of the range
+            values = [getattr(what, name) for what in found[-6:]]
+            wide = param.low > 0 and param.high > 30 * param.low
+            place = [math.log(v / param.low) / math.log(param.high / param.low) if wide else
+                     (v - param.low) / (param.high - param.low) for v in values]  # fmt: skip
+            assert sorted(int(6 * u) for u in place) == list(range(6))
+
+
+def test_laboratories_are_not_in_the_box() -> None:
+    assert {what.values()["setup"] for what in stress.box(phenomenon(67), seed=0, latin=4)} == {"drop"}
+    assert {what.values()["setup"] for what in stress.box(phenomenon(71), seed=0, latin=4)} == {"drop", "pour"}
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "trusted", "ended"),
+    [
+        ("height", "high", 8.0, "refused R12"),
+        ("height", "low", 0.5 / 64, "holds as far as it was pushed"),
+        ("restitution", "low", 0.0, "the model itself refuses"),
+        ("count", "low", 1, "crashed"),
+    ],
+)
+def test_the_frontier(name: str, side: Any, trusted: float, ended: str) -> None:
+    found = stress.frontier(Bounce, name, side, DRAFT)
+    assert (found["trusted"], found["ended"]) == (trusted, ended)
+    assert [record["inside"] for record in found["records"]] == [True] + [False] * (len(found["records"]) - 1)
+
+
+def test_a_range_that_promises_too_much_is_searched_inwards() -> None:
+    def build(self: Any, scene: Scene) -> None:
+        if self.height > 1.3:
+            raise Refusal("R12", "height; allowed: 1.3 m")
+        Bounce.build(self, scene)
+
+    cls = other(build=build)
+    found = stress.frontier(cls, "height", "high", DRAFT)
+    assert (found["trusted"], found["ended"]) == (1.25, "refused R12")
+    with pytest.raises(ValueError, match=r"frontier of Other\.floor; allowed: a number's"):
+        stress.frontier(cls, "floor", "high", DRAFT)
+
+
+def test_a_parameter_that_nothing_depends_on_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stress, "_CONTEXTS", 2)
+    idle = Annotated[float, Param("m", 1.0, 2.0, "of nothing")]
+    assert stress.unused(other(__annotations__={"idle": idle}, idle=1.5)) == ["idle"]
+
+    def known(self: Any, run: Run) -> Any:
+        return self.idle, self.idle
+
+    of_a_law = law("x = x", source="a test", within=(1.0, 1.0, 1.0))(known)
+    assert stress.unused(other(__annotations__={"idle": idle}, idle=1.5, known=of_a_law)) == []
+
+
+@pytest.mark.parametrize("index", [10, 22, 46])
+def test_every_parameter_is_used(index: int) -> None:
+    """Those of 22 only in some of its variants."""
+    cls = phenomenon(index)
+    assert stress.described(cls.make()) == stress.described(cls.make())
+    assert stress.unused(cls) == []
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> list[stress.Task]:
+    """`Bounce` is phenomenon 0, and tasks are done in this process; those that are."""
+    entry = registry.Entry(0, "Bounce", "A ball falls and bounces", "mechanics", __name__)
+    monkeypatch.setattr(registry, "entries", lambda: (entry,))
+    done: list[stress.Task] = []
+
+    def spread(work: Any, tasks: Sequence[Any], _names: Sequence[str]) -> Iterator[tuple[int, Any]]:
+        for n, task in enumerate(tasks):
+            done.append(task)
+            yield n, work(task)
+
+    monkeypatch.setattr(stress, "spread", spread)
+    return done
+
+
+def test_a_run_goes_on_where_it_was_stopped(listed: list[stress.Task], tmp_path: Path) -> None:
+    path = tmp_path / "sub" / "records.jsonl"
+    todo = stress.tasks(0, seed=0, latin=0, fidelity="draft", frontiers=[])[:4]
+    found = stress.measure(todo, path)
+    assert list(found) == todo == listed
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join(lines[:2]) + "\n" + lines[2][:50])
+    listed.clear()
+    again = stress.measure(todo, path)
+    assert listed == todo[2:]
+    assert [record["values"] for record in again.values()] == [record["values"] for record in found.values()]
+    listed.clear()
+    assert stress.measure(todo, path) == again
+    assert listed == []
+    path.write_text(path.read_text().replace('"version": "', '"version": "9'))
+    with pytest.raises(ValueError, match=r"records\.jsonl: measured with version 9.*; allowed: "):
+        stress.measure(todo, path)
+
+
+def test_the_command(
+    listed: list[stress.Task], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stress, "PUSHES", 3)
+    monkeypatch.setattr(stress, "_CONTEXTS", 2)
+    records, report, table = (tmp_path / name for name in ("records.jsonl", "stability.md", "stability.json"))
+    common = ["stress", "0", "--fidelity", "draft", "--latin", "2", "--records", str(records)]
+    assert main([*common, "--report", str(report), "--table", str(table), "--json"]) == 0
+    said = json.loads(capfd.readouterr().out)
+    assert said == json.loads(table.read_text(encoding="utf-8"))
+    entry = said["0"]
+    assert entry["outcomes"]["sound"] == entry["specimens"] == len([t for t in listed if t[0] == "specimen"])
+    assert entry["wrong"] == []
+    trusted = entry["parameters"]["height"]["trusted"]
+    assert trusted["draft"] == {
+        "low": 0.5 / 8, "low_ended": "holds as far as it was pushed", "high": 8.0, "high_ended": "refused R12",
+    }  # fmt: skip
+    text = report.read_text(encoding="utf-8")
+    assert "| height | m | 0.5 to 2 | draft | 0.0625 to 8 | holds as far as it was pushed | refused R12 |" in text
+    monkeypatch.setattr(fidelity, "measured", lambda what: said)
+    assert main(["show", "0", "--json"]) == 0
+    shown = json.loads(capfd.readouterr().out)["parameters"]
+    assert [p.get("trusted") for p in shown if p["name"] in ("height", "floor")] == [trusted, None]
+    assert main(["show", "0"]) == 0
+    out = capfd.readouterr().out
+    assert "trusted at draft" in out
+    assert "0.0625 to 8" in out
+
+
+def test_a_range_that_is_refuted_is_exit_code_1(
+    listed: list[stress.Task], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Bounce, "caption", lambda self, run: [][int(self.mass)])
+    monkeypatch.setattr(stress, "CASES", (stress.Case("too high", 0, {"height": 20.0}, "R1"),))
+    options = ["--fidelity", "draft", "--latin", "0", "--frontier", "none", "--records", str(tmp_path / "records")]
+    assert main(["stress", "0", *options]) == 1
+    said = capfd.readouterr()
+    assert "physinone: 0 Bounce: crashed at draft, nominal: caption: IndexError" in said.err
+    assert "0 Bounce: case 'too high', expected R1: refused at draft, height=20.0: R12: height" in said.err
+    assert "crashed" in said.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("999",), "999"),
+        (("46", "--latin", "-1"), "--latin -1"),
+        (("46", "--seed", "-1"), "--seed -1"),
+        (("46", "--fidelity", "fine"), "'fine'"),
+        (("46", "--frontier", "fine"), "'fine'"),
+        (("46", "--report", "/absent/page.md"), "--report /absent/page.md"),
+        (("46", "--table", "/absent/table.json"), "--table /absent/table.json"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_bad_input_is_one_line(arguments: tuple[str, ...], part: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["stress", *arguments]) == 2
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert part in said.err
+
+
+def test_nothing_is_shown_of_what_was_not_measured(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(fidelity, "measured", lambda what: {})
+    assert main(["show", "46"]) == 0
+    assert "trusted" not in capfd.readouterr().out
+
+
+CHEAP = {
+    "a million to one in mass, colliding", "a million to one in mass, jointed", "a pendulum of 1 mm",
+    "poles within each other's core", "a damper faster than the step",
+    "restitution of more than 1", "a grazing beam",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, id=case.name, marks=[] if case.name in CHEAP else pytest.mark.slow) for case in stress.CASES],
+)
+def test_set_ups_made_to_break_it(case: stress.Case) -> None:
+    record = examined(stress.specimen(phenomenon(case.index), case.values))
+    assert record.get("rule", record["outcome"]) == case.expected, record
+
+
+def test_every_cheap_case_is_there() -> None:
+    assert {case.name for case in stress.CASES} >= CHEAP
+    assert len({(case.index, case.name) for case in stress.CASES}) == len(stress.CASES)
+    assert STANDARD.rank < len(stress.ENERGY)

@@ -1,0 +1,268 @@
+"""Error against cost: orders, tables, what is picked by tolerance; and programs that are broken on purpose."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from physinone_mj import fidelity, trade
+from physinone_mj.__main__ import main
+from physinone_mj.base import Refusal
+from physinone_mj.dataset import reproduce, verify
+from physinone_mj.fidelity import SAFETY, Expected, Fidelity, cheapest
+from physinone_mj.registry import entries, phenomenon
+from physinone_mj.simulate import OURS, Engine, build, compile, simulate_specimen
+
+PENDULUM = 46
+SHORT = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in (64, 128, 256, 512))
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four settings, and all in this process."""
+
+    def alone(work: Callable[[Any], Any], tasks: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[int, Any]]:
+        assert len(names) == len(tasks)
+        yield from enumerate(map(work, tasks))
+
+    monkeypatch.setattr(trade, "LADDER", SHORT)
+    monkeypatch.setattr(trade, "FINEST", 512)
+    monkeypatch.setattr(trade, "STUDIED", (256,))
+    monkeypatch.setattr(trade, "spread", alone)
+
+
+def test_order_of_what_converges() -> None:
+    n = [8.0, 16.0, 32.0, 64.0, 128.0]
+    assert trade.order(n, [m**-4.0 for m in n]) == pytest.approx(4)
+    assert trade.order(n, [m**-2.0 + 1e-5 * (m == 128) for m in n]) == pytest.approx(2, abs=0.15)
+    assert trade.order(n, [max(m**-4.0, 1e-7) for m in n]) == pytest.approx(4), "until it meets a floor"
+    assert trade.order([8.0, 8.0, 16.0, 32.0], [1e-2, 1e-2, 2.5e-3, 6.25e-4]) == pytest.approx(2), "a setting twice"
+
+
+@pytest.mark.parametrize("errors", [[1e-3] * 4, [1e-13, 1e-14, 1e-15, 1e-16], [None] * 4, [1e-2, 1e-4, None, None]])
+def test_no_order_of_what_does_not(errors: list[float | None]) -> None:
+    assert trade.order([8.0, 16.0, 32.0, 64.0], errors) is None
+
+
+def test_front_is_what_nothing_beats() -> None:
+    points = [(1.0, 1e-2), (2.0, 1e-3), (2.0, 1e-4), (3.0, 5e-4), (4.0, 1e-5)]
+    assert trade.front(points) == [(1.0, 1e-2), (2.0, 1e-4), (4.0, 1e-5)]
+
+
+def test_a_pendulum_converges_with_fourth_order(short: None) -> None:
+    table = trade.tabulate(trade.climb((PENDULUM, 0, 0, True)))
+    entry = table[str(PENDULUM)]
+    assert entry["path_order"] == pytest.approx(4, abs=0.3)
+    assert [s["steps"] for s in entry["settings"]] == [64, 128, 256, 512]
+    assert all(s["resolved"] >= s["steps"] * (1 - 1e-9) for s in entry["settings"])
+    assert trade.problems(table) == []
+    ours = entry["settings"][-1]["nominal"]["period_grows_with_amplitude"]
+    euler = [e for e in entry["engines"] if e["engine"] == "Euler" and e["steps"] == 256]
+    assert euler[0]["errors"]["period_grows_with_amplitude"] > 100 * ours
+
+
+def test_cost_is_that_of_the_work(short: None) -> None:
+    """Eight times the steps cost clearly more, in units that the machine's speed cancels from."""
+    fine = Fidelity("fine", 2048, 8, 4)
+    few, many = (trade.attempt(phenomenon(PENDULUM).make(), setting) for setting in (SHORT[0], fine))
+    assert many["cost"] > 2 * few["cost"] > 0
+
+
+def test_random_specimens_stop_where_nothing_is_gained(short: None) -> None:
+    """A beam's laws are at round-off from the start: it is not simulated again and again."""
+    records = trade.climb((33, 3, 1, False))
+    assert len({record["step"] for record in records}) <= 2
+    assert records[0]["values"] == trade.specimen(phenomenon(33), 3, 1).values()
+
+
+def test_measuring_goes_on_where_it_was_stopped(short: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "new" / "trade.jsonl"
+    rungs = [(10, 0, 0, False), (10, 0, 1, False)]
+    whole = trade.measure(rungs, path)
+    text = path.read_text()
+    path.write_text(text[:-40])  # killed while it wrote
+    assert list(trade.read(path)) == rungs[:1]
+    calls: list[Any] = []
+    climb = trade.climb
+    monkeypatch.setattr(trade, "climb", lambda rung: calls.append(rung) or climb(rung))
+    again = trade.measure(rungs, path)
+    assert calls == rungs[1:]
+    for one, other in zip(whole, again, strict=True):
+        assert one["errors"] == other["errors"]
+    monkeypatch.setattr(trade, "climb", None)
+    assert trade.measure(rungs, path) == again
+
+
+def test_records_of_another_version_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "trade.jsonl"
+    path.write_text(json.dumps([[10, 0, 0, False], [{"version": "0.0.1"}]]) + "\n")
+    with pytest.raises(ValueError, match=r"measured with version 0\.0\.1; allowed: "):
+        trade.measure([(10, 0, 0, False)], path)
+
+
+def test_a_frozen_time_step_is_found_out(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def frozen(specimen: Any, scene: Any, _fidelity: Fidelity, engine: Engine = OURS) -> Any:
+        return compile(specimen, scene, SHORT[0], engine)
+
+    monkeypatch.setattr(sys.modules["physinone_mj.simulate"], "compile", frozen)
+    found = trade.problems(trade.tabulate(trade.climb((PENDULUM, 0, 0, False))))
+    assert any("steps of its shortest time; asked for: 512" in line for line in found)
+
+
+def test_a_wrong_equation_is_found_out(short: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field that is a hundredth too strong converges, but to something else."""
+
+    def heavier(specimen: Any, **how: Any) -> Any:
+        return simulate_specimen(specimen, gravity=9.80665 * 1.01, **how)
+
+    monkeypatch.setattr(trade, "simulate_specimen", heavier)
+    assert trade.problems(trade.tabulate(trade.climb((PENDULUM, 0, 0, False))))
+
+
+def made_up(*rows: tuple[int, float, float, int]) -> dict[str, Any]:
+    """A table of phenomenon 46: (steps, cost, error, broken) of its settings."""
+    settings = [
+        {"steps": n, "cells": 8, "cost": cost, "broken": broken, "laws": {"one": e, "two": e / 10, "dumb": None}}
+        for n, cost, e, broken in rows
+    ]
+    return {str(PENDULUM): {"label": "SimplePendulum", "settings": settings}}
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = made_up((8, 1.0, 1e-2, 0), (16, 1.5, 1e-5, 1), (32, 3.0, 1e-4, 0), (64, 6.0, 1e-6, 0))
+    monkeypatch.setattr(fidelity, "measured", lambda _what: table)
+
+
+@pytest.mark.parametrize(("tolerance", "steps"), [(0.5, 8), (0.02, 8), (0.019, 32), (2e-4, 32), (1e-4, 64), (2e-6, 64)])
+def test_the_cheapest_that_will_do(measured: None, tolerance: float, steps: int) -> None:
+    """Where a specimen broke is not offered, and an error counts twice."""
+    picked = Fidelity.for_tolerance(phenomenon(PENDULUM), tolerance)
+    assert (picked.steps, picked.tolerance) == (steps, tolerance)
+    assert cheapest(PENDULUM, tolerance) == Expected(picked, *{8: (1e-2, "one", 1.0), 32: (1e-4, "one", 3.0),
+                                                               64: (1e-6, "one", 6.0)}[steps])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("index", "tolerance", "line"),
+    [
+        (PENDULUM, 1e-6, r"tolerance = 1e-06 of phenomenon 46; allowed: 2e-06 or more, as one errs by up to 1e-06"),
+        (PENDULUM, 0.0, r"tolerance = 0.0; allowed: positive"),
+        (PENDULUM, float("nan"), r"tolerance = nan; allowed: positive"),
+        (1, 1e-3, r"phenomenon 1 has not been measured; allowed: --fidelity"),
+    ],
+)
+def test_what_no_setting_reaches_is_refused(measured: None, index: int, tolerance: float, line: str) -> None:
+    with pytest.raises(ValueError, match=line):
+        cheapest(index, tolerance)
+
+
+def test_run_by_tolerance(measured: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It says which setting, the scene's laws are held to what was asked for, and the folder knows."""
+    asked = ["run", str(PENDULUM), "--tolerance", "1e-3", "--no-render", "-o", str(tmp_path)]
+    assert main(asked) == 0
+    told = capsys.readouterr().err
+    assert "46 SimplePendulum: 32 steps, 8 cells; expected: an error of 0.0001 (one), a cost of 3" in told
+    (folder,) = tmp_path.iterdir()
+    laws = json.loads((folder / "laws.json").read_text())
+    assert {law["tolerance"] for law in laws} == {1e-3}
+    assert json.loads((folder / "provenance.json").read_text())["job"]["fidelity"]["tolerance"] == 1e-3
+    assert verify(folder).ok
+    assert reproduce(folder).ok
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("1e-9",), "tolerance = 1e-09 of phenomenon 46; allowed: 2e-06 or more"),
+        (("0",), "tolerance = 0.0; allowed: positive"),
+        (("1e-3", "--fidelity", "draft"), "--tolerance 0.001 with --fidelity draft; allowed: one of the two"),
+    ],
+)
+def test_a_tolerance_that_cannot_be(
+    measured: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], line: str
+) -> None:
+    assert main(["run", str(PENDULUM), "-o", str(tmp_path / "out"), "--tolerance", *words]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert line in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_writes_what_it_found(
+    short: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = {name: tmp_path / f"trade.{name}" for name in ("report", "csv", "table", "records")}
+    words = [word for name, file in files.items() for word in (f"--{name}", str(file))]
+    assert main(["trade", "33", "--specimens", "1", "--json", "--plots", str(tmp_path / "plots"), *words]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table == json.loads(files["table"].read_text())
+    assert list(table) == ["33"]
+    assert files["csv"].read_text().count("\n") == 1 + len(SHORT) * len(phenomenon(33).laws())
+    assert "## 33 FixedPlanarRedirect" in files["report"].read_text()
+    (plot,) = (tmp_path / "plots").iterdir()
+    assert plot.stat().st_size > 10_000
+
+
+def test_laws_are_held_to_the_tolerance_that_was_asked_for() -> None:
+    specimen = phenomenon(PENDULUM).make()
+    coarse = Fidelity("coarse", 8, 8, 4)
+    errors = [verdict.error for verdict in simulate_specimen(specimen, fidelity=coarse).check()]
+    for tolerance, passes in ((1.1 * max(errors), True), (0.9 * max(errors), False)):
+        run = simulate_specimen(specimen, fidelity=Fidelity("asked", 8, 8, 4, tolerance))
+        verdicts = run.check()
+        assert {verdict.tolerance for verdict in verdicts} == {tolerance}
+        assert all(verdict.passed for verdict in verdicts) is passes
+
+
+def test_the_shipped_table_is_of_these_laws() -> None:
+    table = fidelity.measured("trade")
+    assert {int(index) for index in table} <= {entry.index for entry in entries()}
+    for index, entry in table.items():
+        assert list(entry["orders"]) == list(phenomenon(int(index)).laws()), "measured anew after laws were changed?"
+        assert cheapest(int(index), 0.9).cost > 0
+    assert trade.problems(table) == []
+
+
+SMOOTH = 4.0
+"""Order of the integrator where nothing is touched."""
+
+
+def test_what_is_smooth_converges_as_the_integrator_does() -> None:
+    """Of what nothing touches or holds. More is no fault: the energy's error is of fifth order."""
+    table, seen = fidelity.measured("trade"), 0
+    for index, entry in table.items():
+        cls = phenomenon(int(index))
+        specimen = cls.make()
+        if compile(specimen, build(specimen), SHORT[0]).constrained or entry["grid"]:
+            continue
+        for law, slope in entry["orders"].items():
+            if slope is not None and not cls.laws()[law].limited_by:
+                assert slope > SMOOTH - 0.3, (index, law)
+                seen += 1
+    assert seen > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [entry.index for entry in entries() if entry.index < 67])
+def test_ninety_nine_of_a_hundred_meet_their_tolerance(index: int) -> None:
+    """At ten times the best there is, and at most 1e-3; and half the cost would not have done."""
+    cls = phenomenon(index)
+    best = SAFETY * min(expected.error for expected in fidelity.expectations(index))
+    picked = Fidelity.for_tolerance(cls, max(10 * best, 1e-3))
+    rng = np.random.default_rng([77, index])
+    missed = done = 0
+    while done < 100:
+        specimen = cls.sample(rng)
+        try:
+            run = simulate_specimen(specimen, fidelity=picked)
+        except Refusal:
+            continue
+        done += 1
+        missed += any(verdict.passed is False for verdict in run.check())
+    assert missed <= 1
