@@ -9,11 +9,11 @@ where velocities are those of a step's middle, as a leapfrog's: the first step h
 Source: Y. Hu et al., ACM Trans. Graph. 37 (2018) 150, eq. 16-29 (MLS-MPM); C. Jiang et al., J. Comput. Phys. 338 (2017)
 137 (affine velocities, which keep linear and angular momentum).
 
-Particles lie sorted by blocks of 4³ cells, and so by columns of blocks along z. Columns of one of four colours are a
-column apart, and a particle may drift by a cell before they are sorted again: so columns of one colour scatter side by
-side with plain additions, in an order that no number of threads changes. Only blocks that particles can touch are
-cleared and advanced. The grid's nodes are multiples of Δx from the world's origin, wherever it begins and however far
-it reaches; it grows with the motion.
+Particles lie sorted by blocks of 4³ cells, and so by slabs of blocks along x. Slabs of one of two colours are a slab
+apart, and a particle may drift by a cell before they are sorted again: so slabs of one colour scatter side by side with
+plain additions, in an order that no number of threads changes; columns along z of four colours, where slabs are few.
+Only blocks that particles can touch are cleared and advanced. The grid's nodes are multiples of Δx from the world's
+origin, wherever it begins and however far it reaches; it grows with the motion.
 
 Defects: explicit, stable below `longest_step` only; affine velocities damp shear as if by a viscosity, some 10 Pa s at
 Δx = 1/64 m and 1000 kg/m³; what is more than two cells apart has separated; bodies that share a node stick together.
@@ -50,10 +50,13 @@ _VISCOUS: Final = 0.1
 _ENDLESS: Final = 1e30
 """A speed [m/s] that stands for what is infinite or not a number."""
 _MOST_NODES: Final = 2**28
-_SLABS: Final = 6
-"""So many slabs of blocks along x are shared between threads as they are; fewer, column by column."""
+_SLABS: Final = 4
+"""Of a multiple of so many slabs along x, of about as many particles each, two threads get as much to do in either of
+two colours; where there are fewer blocks along x than that, columns of four colours are shared."""
 _CHUNK: Final = 8
 """Particles that are gathered together, so that they are still at hand when their law is asked."""
+_TURNS: Final = 4
+"""Of the loop for each chunk, all but the first idle: Taichi hands a thread 512 turns, then 1024 particles."""
 _STATE: Final = 20
 """Where in a record the state begins: x (3), 0, v (3), 1, the columns of A (3) and 0 each."""
 _VELOCITY: Final = slice(4, 7)
@@ -170,7 +173,10 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
     @ti.kernel
     def gather(rec: records, grid: nodes, given: numbers) -> real:
         fastest = ti.cast(0.0, real)
-        for chunk in range((rec.shape[0] + _CHUNK - 1) // _CHUNK):
+        for part in range((rec.shape[0] + _CHUNK - 1) // _CHUNK * ti.static(_TURNS)):
+            if part % ti.static(_TURNS) != 0:
+                continue
+            chunk = part // ti.static(_TURNS)
             ny, nz, cells = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), given[_CELLS]
             origin, stride, k = _some(given, _ORIGIN, 3), _some(given, _STRIDE, 4), _some(given, _LAW, 4)
             dt, keep, push, nothing = stride[0], 4 * given[_MASS], given[_PUSH], ti.cast(given[_NOTHING], ti.i32)
@@ -250,43 +256,47 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                 top = ti.max(ti.abs(r[4]), ti.abs(r[5]), ti.abs(r[6]))
                 if not top <= fast:  # what is not a number, too
                     fast = ti.min(top, ti.static(_ENDLESS))
-            ti.atomic_max(fastest, fast)
+            if fast > fastest:
+                ti.atomic_max(fastest, fast)
         return fastest
 
     return gather
 
 
-@kernels
-def _grid_kernels(real: Any) -> Any:
-    """(clear, advance) of the grid's active blocks."""
-    node = ti.types.vector(4, real)
-    whole, nodes = ti.types.ndarray(dtype=ti.i32, ndim=1), ti.types.ndarray(dtype=node, ndim=1)
-    numbers = ti.types.ndarray(dtype=real, ndim=1)
+@njit(cache=True)
+def _begin(block: int, ny: int, nz: int) -> tuple[int, int, int]:
+    """Index of a block's first node along each axis."""
+    across, row = nz // _SIDE, (nz // _SIDE) * (ny // _SIDE)
+    return _SIDE * (block // row), _SIDE * (block % row // across), _SIDE * (block % across)
 
-    @ti.kernel
-    def clear(grid: nodes, blocks: whole, given: numbers):
-        for line in range(16 * blocks.shape[0]):
-            ny, nz = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32)
-            x, y, z = begin(blocks[line // 16], ny, nz)
-            here = ((x + line // 4 % 4) * ny + y + line % 4) * nz + z
-            for k in ti.static(range(4)):
-                grid[here + k] = node(0.0)
 
-    @ti.kernel
-    def advance(grid: nodes, blocks: whole, given: numbers):
-        for line in range(16 * blocks.shape[0]):
-            ny, nz, kick = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), _some(given, _KICK, 3)
-            x, y, z = begin(blocks[line // 16], ny, nz)
-            here = ((x + line // 4 % 4) * ny + y + line % 4) * nz + z
-            for k in ti.static(range(4)):
-                g = grid[here + k]
-                if g[3] > 0:
-                    inverse = 1 / g[3]
-                    grid[here + k] = ti.Vector([
-                        g[0] * inverse + kick[0], g[1] * inverse + kick[1], g[2] * inverse + kick[2], g[3],
-                    ])  # fmt: skip
+@njit(cache=True)
+def _clear(grid: Any, blocks: Any, ny: int, nz: int) -> None:
+    """Clear the grid's active blocks.
 
-    return clear, advance
+    This and the next take less than it takes to wake other threads for them.
+    """
+    for block in blocks:
+        x, y, z = _begin(block, ny, nz)
+        for i in range(_SIDE):
+            for j in range(_SIDE):
+                here = ((x + i) * ny + y + j) * nz + z
+                grid[here : here + _SIDE] = 0
+
+
+@njit(cache=True)
+def _advance(grid: Any, blocks: Any, ny: int, nz: int, kick: Any) -> None:
+    """Velocities of the active blocks' nodes from their momenta, and what gravity adds (3,)."""
+    for block in blocks:
+        x, y, z = _begin(block, ny, nz)
+        for i in range(_SIDE):
+            for j in range(_SIDE):
+                here = ((x + i) * ny + y + j) * nz + z
+                for n in range(here, here + _SIDE):
+                    mass = grid[n, 3]
+                    if mass > 0:
+                        for c in range(3):
+                            grid[n, c] = grid[n, c] / mass + kick[c]
 
 
 @njit(cache=True)
@@ -328,6 +338,18 @@ def _sort(rec: Any, spare: Any, order: Any, first: Any, origin: Any, cells: floa
             spare[to, i] = rec[p, i]
         sorted_[to] = order[p]
     order[:] = sorted_
+
+
+def _even(first: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Slabs (n, 2), from which particle and up to which, of blocks that begin at first (blocks + 1,); none of few."""
+    inner = np.flatnonzero(np.diff(first, prepend=-1))  # where what is before each block that holds any ends
+    count = (len(inner) - 1) // _SLABS * _SLABS
+    ends = first[inner]
+    cuts = [0]
+    for k in range(1, count):
+        near = int(np.abs(ends - ends[-1] * k / count).argmin())
+        cuts.append(min(max(near, cuts[-1] + 1), len(ends) - 1 - count + k))
+    return np.stack([ends[cuts], ends[[*cuts[1:], -1]]], axis=1) if count else np.zeros((0, 2), np.int32)
 
 
 @dataclass(frozen=True)
@@ -423,7 +445,6 @@ class Solver:
         if not np.allclose(cycle, self._cycle, rtol=0, atol=1e-6) or (self._cycle[self._cycle != 0] < 2 * _SIDE).any():
             raise ValueError(f"period = {self._period} m of cells of {dx} m; allowed: whole cells, {2 * _SIDE} or more")
         self._clouds = [_Cloud(body, dx, self._type) for body in bodies]
-        self._clear, self._advance = _grid_kernels(self._real)
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)
         config = ti.lang.impl.current_cfg()
@@ -494,9 +515,9 @@ class Solver:
         if self._drift + 2 * self._fastest * dt > 0.9 * self.dx:
             self._sort()
         grid, active = self._grid, self._active
-        given = self._numbers(dt)
+        given, (ny, nz) = self._numbers(dt), self._shape[1:]
         if self._fixed is None:
-            self._clear(grid, active, given[0])
+            _clear(grid, active, ny, nz)
         for cloud, numbers in zip(self._clouds, given, strict=True):
             scatter = _scatter_kernel(self._real, cloud.records.shape[1], self._fixed is not None)
             # one thread goes through all colours in order, and where whole numbers are added order is nothing
@@ -508,7 +529,7 @@ class Solver:
         if self._fixed is not None:
             _count_kernel(self._real)(self._fixed, grid, active, given[0])
         self._fold()
-        self._advance(grid, active, given[0])
+        _advance(grid, active, ny, nz, given[0, _KICK : _KICK + 3])
         self._last = dt
         for bearer in self.bearers:
             bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
@@ -591,16 +612,16 @@ class Solver:
             held = np.diff(bins)
             cloud.fullest = int(held.max())
             x, y, z = np.unravel_index(np.flatnonzero(held), blocks)
-            slabs = bins[:: blocks[1] * blocks[2]]
-            if np.count_nonzero(np.diff(slabs)) >= _SLABS:
-                begin, full = slabs, np.flatnonzero(np.diff(slabs))
-                colour = full % 2
+            slabs = _even(bins[:: blocks[1] * blocks[2]])
+            if len(slabs):
+                cloud.columns, colour = slabs, np.arange(len(slabs)) % 2
             else:
                 begin = bins[:: blocks[2]]
                 full = np.flatnonzero(np.diff(begin))
+                cloud.columns = np.stack([begin[full], begin[full + 1]], axis=1)
                 colour = full // blocks[1] % 2 * 2 + full % blocks[1] % 2
-            full = full[np.argsort(colour, kind="stable")]
-            cloud.columns = np.stack([begin[full], begin[full + 1]], axis=1)
+            # the longest first, that none is waited for at the end
+            cloud.columns = cloud.columns[np.lexsort([cloud.columns[:, 0] - cloud.columns[:, 1], colour])]
             cloud.starts = np.searchsorted(np.sort(colour), np.arange(5)).tolist()
             for dx in (-1, 0, 1):
                 for dy in (-1, 0, 1):

@@ -90,7 +90,12 @@ class MovingHitsFixed(Phenomenon, domain="mechanics"):
         scene.material(wall.name("buttress"), 2400.0, rough)
         for other in ("stage/floor", wall.name("wall"), rails.name("rails")):
             scene.touch(thrown.name("ball"), other)
-        scene.resolve(time=0.1, length=self.radius, duration=min(self.distance / self.speed + 2.5, 10.0))
+        # a blow that throws back slower than gravity pulls in a step counts as inelastic
+        back = self.pair_restitution * -float(self.launch @ self.normal)
+        scene.resolve(
+            time=min(0.1, 32 * back / scene.gravity), length=self.radius,
+            duration=min(self.distance / self.speed + 2.5, 10.0),
+        )  # fmt: skip
 
     def blow(self) -> Blow:
         """The impact by closed formulas: a solid sphere, Newton's e along the normal, Coulomb's μ along the wall."""

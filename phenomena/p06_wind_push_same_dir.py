@@ -128,7 +128,8 @@ class WindPushSameDir(Phenomenon, domain="mechanics"):
         return np.sqrt(self.speed**2 + 2 * work / self.inertia)
 
     def beyond(self, run: Run) -> NDArray[np.float64]:
-        """Speeds after the wind and before the pad."""
+        """Speeds after the wind and before the pad, of what does not slip."""
+        self.rolls()
         s = self.distance(run)
         mask = (s > self.length) & (run.t < self.stopped(run))
         if mask.sum() < 5:

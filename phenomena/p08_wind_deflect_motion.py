@@ -229,14 +229,16 @@ class WindDeflectMotion(Phenomenon, domain="mechanics"):
 
     @law("½ mₑ Δ(v²) = ∫ F dx", source="Landau & Lifshitz, Mechanics, §5-6", within=(1e-4, 1e-5, 1e-6))
     def wind_works_along_the_way(self, run: Run) -> Measurement:
-        """8d: gain of kinetic energy, against the work of the wind along the recorded way."""
+        """8d: gain of kinetic energy less the work of the wind along the recorded way, over all work, given and taken:
+        a body that the wind turns back leaves as fast as it came."""
         _, behind = self.crossing(run)
         v, path = self.components(run), self.path(run)
         last = int(np.nonzero(behind)[0][0])
         t = np.linspace(0.0, run.t[last], 40 * last + 1)
         x, y = (CubicHermiteSpline(run.t, path[:, k], v[:, k]) for k in (0, 1))
-        work = np.trapezoid(self.push(x(t), y(t)) * x.derivative()(t), t)
-        return self.inertia * ((v[last] ** 2).sum() - self.speed**2) / 2, work
+        power = self.push(x(t), y(t)) * x.derivative()(t)
+        gain = self.inertia * ((v[last] ** 2).sum() - self.speed**2) / 2
+        return 1 + (gain - np.trapezoid(power, t)) / np.trapezoid(np.abs(power), t), 1.0
 
     def caption(self, run: Run) -> str:
         """The release's manner: start, motion, law, outcome."""

@@ -131,7 +131,7 @@ class VerticalFall(Phenomenon, domain="mechanics"):
         return found, np.full(len(found), self.restitution)
 
     @law("t = √(2 h/g) (1 + e)/(1 - e)", source="Falcon et al., Eur. Phys. J. B 3 (1998) 45, eq. 4",
-         within=(2e-2, 5e-3, 2e-3))  # fmt: skip
+         within=(2e-2, 5e-3, 2e-3), limited_by="bounces shorter than a time step are left out")  # fmt: skip
     def comes_to_rest_after_infinitely_many_bounces(self, run: Run) -> Measurement:
         """10c: when every ball is last found moving; the bounces too short for a time step are the error."""
         lasts = [self.landings(run, ball)[-1] for ball in self.balls()]

@@ -96,7 +96,7 @@ class FrictionStop(Phenomenon, domain="mechanics"):
         scene.touch(ball.name("ball"), "third_strip/strip")
         self.lay_plank(scene)
         slowest = max(max(self.pairs.values()), 0.1)
-        scene.resolve(time=min(max(self.speed / (4 * slowest * g), 0.1), 0.2), length=BRICK[2], duration=5.0)
+        scene.resolve(time=min(max(self.speed / (4 * slowest * g), 0.035), 0.2), length=BRICK[2], duration=5.0)
 
     def lay_plank(self, scene: Scene) -> None:
         """The plank on its post, and a brick at rest on it."""

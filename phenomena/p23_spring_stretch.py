@@ -239,11 +239,17 @@ class SpringStretch(Phenomenon, domain="mechanics"):
         """This specimen, or a twin on one spring, which does not swing, without damping."""
         return self.twin(run, hung="one" if self.hung == "swinging" else self.hung, damping=0.0)
 
+    def seen(self, run: Run) -> slice:
+        """Of the samples, those before friction has made the swings 10⁻⁴ of the first: the rest drowns in round-off."""
+        end = np.searchsorted(run.t * self.damping * self.rate, log(1e4))
+        return slice(int(end))
+
     def swing_time(self, run: Run) -> float:
         """Mean period of the upright oscillation [s], over five at least; infinite if it stays away."""
-        rising = run.velocity(WEIGHT)[:, 2]
+        seen = self.seen(run)
+        rising = run.velocity(WEIGHT)[seen, 2]
         try:
-            return period(run.t, self.sags[-1] - self.elongation(run), rising, least=5)
+            return period(run.t[seen], self.sags[-1] - self.elongation(run)[seen], rising, least=5)
         except NotEvaluated:
             if run.t[-1] < 5.5 * 2 * pi / self.rate:
                 raise
@@ -278,8 +284,9 @@ class SpringStretch(Phenomenon, domain="mechanics"):
     def swings_shrink_alike(self, run: Run) -> Measurement:
         """23c: logarithmic decrement of the swings (of a twin with a damping ratio of 0.02, if this one has less)."""
         specimen, one = self.twin(run, hung="one", damping=max(self.damping, 0.02))
-        falling = -one.velocity(WEIGHT)[:, 2]
-        heights = peaks(one.t, specimen.elongation(one) - specimen.sags[-1], falling)[1]
+        seen = specimen.seen(one)
+        falling = -one.velocity(WEIGHT)[seen, 2]
+        heights = peaks(one.t[seen], specimen.elongation(one)[seen] - specimen.sags[-1], falling)[1]
         if len(heights) < 3:
             raise NotEvaluated(f"{len(heights)} swings recorded; needed: 3")
         decrement = log(heights[0] / heights[-1]) / (len(heights) - 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, inf, sqrt
+from math import atan, inf, sin, sqrt
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -220,7 +220,12 @@ class SeesawCenterPivot(Phenomenon, domain="mechanics"):
             raise NotEvaluated(f"hung on a higher axle: {why}") from None
         _, _, out = there.seesaw.moments(there.riders)
         weight = min(self.weight, max(0.05 * -out / (self.length / 2), 0.05))
-        return self.staged(run, **changes, weight=weight)
+        there, twin = self.staged(run, **changes, weight=weight)
+        _, along, out = there.seesaw.moments(there.riders)
+        low = sin(2 * atan(abs(along / out)))
+        if low > 0.95 * self.height:
+            raise NotEvaluated(f"an end of the plank swings down to the ground, {low / self.height:.2g} times as deep")
+        return there, twin
 
     @law("T = 4 √(I/(M g h)) K(sin² θ₀/2), tan θ₀ = δm d/(M h)", within=(1e-4, 1e-5, 1e-6),
          source="Landau & Lifshitz, Mechanics, §11 problem 1; §32 problem 3 (compound pendulum)")  # fmt: skip

@@ -273,7 +273,7 @@ class BalloonFloat(Phenomenon, domain="mechanics"):
         up = specimen.velocity(one) @ [cos(alpha), 0.0, sin(alpha)]
         slip = np.abs(up - self.radius * one.spin(BODY)[:, 1] * -1)
         inside = (one.t > hits[-1] + 0.01) & (one.t < stopped)
-        rolls = inside & (slip < 1e-4 * balloon.terminal())
+        rolls = inside & (slip < 1e-6 * balloon.terminal())
         if rolls.sum() < 20:
             raise NotEvaluated(f"{rolls.sum()} samples of rolling before the stop; needed: 20")
         first = int(np.argmax(rolls))

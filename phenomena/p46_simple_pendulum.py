@@ -142,7 +142,7 @@ class SimplePendulum(Phenomenon, domain="mechanics"):
         """46a: the exact period, from elliptic integrals."""
         return self.swing_time(self.as_swing(run, "planar")), 4 / self.small * ellipk(sin(self.angle / 2) ** 2)
 
-    @law("E + c ∫ ω² dt = E₀", source="Landau & Lifshitz, Mechanics, §25 eq. 25.13", within=(1e-7, 5e-10, 5e-12))
+    @law("E + c ∫ ω² dt = E₀", source="Landau & Lifshitz, Mechanics, §25 eq. 25.13", within=(1e-7, 2e-9, 2e-11))
     def energy_goes_only_into_the_pivot(self, run: Run) -> Measurement:
         """46b: exact at any amplitude; without friction, energy is constant."""
         rate = run.joint_speed("pendulum/hinge").reshape(len(run), -1)
@@ -159,6 +159,8 @@ class SimplePendulum(Phenomenon, domain="mechanics"):
         twin = run.again(swing="planar", angle=low, damping=damping)
         angle, rate = twin.joint("pendulum/hinge"), twin.joint_speed("pendulum/hinge")
         times, heights = peaks(twin.t, angle, rate)
+        if len(times) < 2:
+            raise NotEvaluated(f"{len(times)} widest points recorded; needed: 2")
         return np.log(heights[:-1] / heights[1:]).mean(), damping * np.diff(times).mean() / (2 * self.inertia)
 
     @law("T ∝ m⁰ √(I/(m ℓ))", source="Landau & Lifshitz, Mechanics, §10 eq. 10.3", within=(2e-8, 1e-10, 1e-12))

@@ -367,9 +367,7 @@ def trade(
 
     if not 0 <= specimens <= 10_000 or not 0 <= seed < 2**63:
         raise BadInput(f"--specimens {specimens} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
-    for name, file in (("report", report), ("csv", csv), ("table", table_file)):
-        if file and not file.parent.is_dir():
-            raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
+    folders_exist(report=report, csv=csv, table=table_file)
     needed = {"--plots": (plots, "matplotlib"), "--pictures": (pictures, "skimage")}
     for option, (asked, module) in needed.items():
         if asked is not None and not importlib.util.find_spec(module):
@@ -383,10 +381,7 @@ def trade(
     rungs = [(index, seed, number, study and number == 0) for number in range(specimens + 1) for index in meant]
     with as_typed():
         table = tool.tabulate(tool.measure(rungs, records))
-    if table_file:
-        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    if report:
-        report.write_text(tool.page(table), encoding="utf-8")
+    write_tables(table, tool.page(table), table_file, report)
     if csv:
         write_csv(csv, tool.rows(table))
     for index, entry in table.items() if plots else ():
@@ -395,10 +390,29 @@ def trade(
         say_json(table)
     else:
         say_trade(table)
-    wrong = tool.problems(table)
-    for line in wrong:
+    complain_of(tool.problems(table))
+
+
+def folders_exist(**files: Path | None) -> None:
+    """BadInput unless every file that an option names can be written."""
+    for name, file in files.items():
+        if file and not file.parent.is_dir():
+            raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
+
+
+def write_tables(table: dict[str, Any], page: str, table_file: Path | None, report: Path | None) -> None:
+    """Those that were asked for."""
+    if table_file:
+        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if report:
+        report.write_text(page, encoding="utf-8")
+
+
+def complain_of(problems: Sequence[str]) -> None:
+    """A line each, and exit code 1 if there are any."""
+    for line in problems:
         complain(line)
-    if wrong:
+    if problems:
         raise typer.Exit(1)
 
 
@@ -515,28 +529,19 @@ def stress(
 
     if not 0 <= latin <= 10_000 or not 0 <= seed < 2**63:
         raise BadInput(f"--latin {latin} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
-    for name, file in (("report", report), ("table", table_file)):
-        if file and not file.parent.is_dir():
-            raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
+    folders_exist(report=report, table=table_file)
     within = fidelity_named(fidelity).name
     pushed = [] if frontier == ["none"] else [fidelity_named(name).name for name in frontier or ["draft"]]
     meant = [entry.index for entry in (chosen(which) if which else entries())]
     todo = [task for index in meant for task in tool.tasks(index, seed, latin, within, pushed)]
     with as_typed():
         table = tool.tabulate(tool.measure(todo, records))
-    if table_file:
-        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    if report:
-        report.write_text(tool.page(table), encoding="utf-8")
+    write_tables(table, tool.page(table), table_file, report)
     if as_json:
         say_json(table)
     else:
         say_stress(table)
-    wrong = tool.problems(table)
-    for line in wrong:
-        complain(line)
-    if wrong:
-        raise typer.Exit(1)
+    complain_of(tool.problems(table))
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import multiprocessing
 import os
 import signal
@@ -10,8 +11,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
+from . import __version__
 from .terminal import Progress, figure, told
 
 if TYPE_CHECKING:
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+_Words = TypeVar("_Words", bound=tuple[Any, ...])
 
 Task: TypeAlias = "tuple[int, dict[str, Any], Fidelity]"
 """Index, parameters that are set, fidelity."""
@@ -85,6 +89,40 @@ def spread(work: Callable[[_T], _R], tasks: Sequence[_T], names: Sequence[str]) 
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def journal(
+    work: Callable[[_Words], Any], tasks: Sequence[_Words], name: Callable[[_Words], str], path: Path
+) -> dict[_Words, Any]:
+    """Results by task, of which those are worked out that a file does not hold yet; each is a line of it as it comes.
+
+    Run again, it goes on where it was stopped. A task is a tuple, and it and its result are JSON values.
+    ValueError if the file is not of this version.
+    """
+    known = read_journal(path)
+    new = [task for task in dict.fromkeys(tasks) if task not in known]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for n, result in spread(work, new, [name(task) for task in new]):
+        known[new[n]] = result
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([__version__, new[n], result], allow_nan=False) + "\n")
+    return {task: known[task] for task in tasks}
+
+
+def read_journal(path: Path) -> dict[Any, Any]:
+    """What a file of `journal` holds; a last line that was cut off is taken out of it."""
+    if not path.exists():
+        return {}
+    known: dict[Any, Any] = {}
+    lines = path.read_text(encoding="utf-8").split("\n")
+    if lines[-1]:
+        path.write_text("\n".join([*lines[:-1], ""]), encoding="utf-8")
+    for line in lines[:-1]:
+        version, task, result = json.loads(line)
+        if version != __version__:
+            raise ValueError(f"{path}: measured with version {version}; allowed: {__version__}, or another file")
+        known[tuple(task)] = result
+    return known
 
 
 def _begin(threads: int) -> None:

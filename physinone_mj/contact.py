@@ -68,6 +68,10 @@ _PATIENCE: Final = 10
 step: then the references drift on along a direction in which nothing moves. They count as settled, too, when they are
 this close [m/s] and no nearer by half after this many solutions."""
 
+_STEADY: Final = 0.8
+_ENDLESS: Final = 0.9999
+"""Fractions between which steps that shrink evenly are added up at once; closer to 1 there is nowhere to go."""
+
 _LONG: Final = 200
 _NEARLY: Final = 1e-4
 """Chunks wedged between others approach their solution ever more slowly: after this many solutions, this fraction of
@@ -139,6 +143,14 @@ of them a hair above and some below, then agree on how it moves."""
 
 BLUR: Final = 2.0**-23
 """Vertices of meshes are known to single precision: gaps up to this fraction of their size are none."""
+
+_LEVEL: Final = 0.95
+"""Cosine of the tilt up to which a box lies on the end of a cylinder: more, and it touches the rim in one place."""
+
+_FLUSH: Final = 1e-8
+"""Tilt of a cylinder on a plane up to which it stands upright [rad]. MuJoCo 4.0 (`mjraw_PlaneCylinder`) looks for the
+lowest point of the rim along a difference that cancels: its direction is off by about 1e-16 over the tilt, so that at
+1e-15 it sees the rim centimetres away, or not at all."""
 
 
 @dataclass(frozen=True)
@@ -302,6 +314,57 @@ class Joined:
 
 
 _NOTHING_ELSE: Final = Joined()
+
+
+@njit(cache=True)
+def _stand(pairs: NDArray[np.int32], turn: Array) -> int:
+    """Turn the axes of cylinders that all but stand on a plane wholly upright; returns of how many."""
+    stood = 0
+    for plane, cylinder in pairs:
+        tilt = along = 0.0
+        for k in range(3):
+            a, b = 3 * ((k + 1) % 3) + 2, 3 * ((k + 2) % 3) + 2
+            tilt += (turn[plane, a] * turn[cylinder, b] - turn[plane, b] * turn[cylinder, a]) ** 2
+            along += turn[plane, 3 * k + 2] * turn[cylinder, 3 * k + 2]
+        if 0.0 < tilt < _FLUSH**2:
+            for k in range(3):
+                turn[cylinder, 3 * k + 2] = turn[plane, 3 * k + 2] * np.sign(along)
+            stood += 1
+    return stood
+
+
+def on_planes(model: Any) -> NDArray[np.int32]:
+    """The pairs (n, 2) of a plane and a cylinder among those that may touch."""
+    pairs = np.column_stack([model.pair_geom1, model.pair_geom2]).reshape(-1, 2)
+    pairs = np.take_along_axis(pairs, np.argsort(model.geom_type[pairs], axis=1), axis=1)
+    kinds = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+    return np.asarray(pairs[(model.geom_type[pairs] == kinds).all(axis=1)])
+
+
+def collide(model: Any, data: Any, upright: NDArray[np.int32]) -> None:
+    """MuJoCo's collision stage, in which those of the cylinders `on_planes` that all but stand do stand."""
+    turns = data.geom_xmat.copy()
+    stood = _stand(upright, data.geom_xmat)
+    mujoco.mj_collision(model, data)
+    if stood:
+        data.geom_xmat[:] = turns
+
+
+@njit(cache=True)
+def _leap(first: Array, second: Array, third: Array, reference: Array) -> bool:
+    """Aitken's extrapolation to where three references in a row are heading, if each step is the same fraction of the
+    one before. A heavy load that slips on what is light comes to its reference so slowly: the fraction is κ/(1 + κ),
+    κ = μ² times the ratio of the masses."""
+    before, last = second - first, third - second
+    square = np.sum(before**2)
+    if not 0.0 < square < np.inf:
+        return False
+    fraction = np.sum(before * last) / square
+    astray = np.sum((last - fraction * before) ** 2)
+    if not (_STEADY < fraction < _ENDLESS and astray < 1e-2 * np.sum(last**2)):
+        return False
+    reference[:] = third + last * (fraction / (1.0 - fraction))
+    return True
 
 
 class NotSettled(ArithmeticError):
@@ -573,6 +636,7 @@ class Solver:
     def __init__(self, model: Any, pairs: Sequence[Surface], joined: Joined = _NOTHING_ELSE) -> None:
         self._model = model
         surfaces = [*pairs, *(surface for _, _, surface in joined.cups)]
+        self._size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)  # a plane has none
         self._pair_of = np.zeros((model.ngeom, model.ngeom), np.int32)
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
             self._pair_of[a, b] = self._pair_of[b, a] = i
@@ -581,6 +645,12 @@ class Solver:
             a = model.geom(bowl.geom).id
             self._pair_of[a, b] = self._pair_of[b, a] = i
             self._cups.append(_Cup(model, bowl, b, surface))
+        kinds = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_BOX)
+        self._rims = []
+        for i, pair in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
+            disc, block = sorted(pair, key=lambda geom: model.geom_type[geom])
+            if (model.geom_type[disc], model.geom_type[block]) == kinds:
+                self._rims.append((i, _Rim(model, disc, block, pairs[i])))
         self._restitution = np.array([s.restitution for s in surfaces])
         self._kinetic = np.array([s.friction for s in surfaces])
         self._sticking = np.array([s.static_friction for s in surfaces])
@@ -589,6 +659,7 @@ class Solver:
         for geoms in (model.pair_geom1, model.pair_geom2):
             meshes = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH
             self._blur[: model.npair] += BLUR * model.geom_rbound[geoms] * meshes
+        self._upright = on_planes(model)
         self._motors = joined.motors
         self._course = np.zeros(model.nv)
         self._prescribed = np.zeros(model.nv)
@@ -714,11 +785,22 @@ class Solver:
 
     def place(self, data: Any) -> None:
         """Everything that follows from the positions: poses, contacts, rows."""
-        mujoco.mj_fwdPosition(self._model, data)
-        if sum(cup.add(self._model, data) for cup in self._cups):
-            mujoco.mj_makeConstraint(self._model, data)
-            # of contacts too far away for a row MuJoCo gives the last one the number 0, which is another's
-            data.contact.efc_address[data.contact.exclude != 0] = -1
+        model, option = self._model, self._model.opt
+        if not (len(self._upright) or self._cups or self._rims):
+            mujoco.mj_fwdPosition(model, data)
+            return
+        flags = option.disableflags
+        option.disableflags = flags | _DISABLE.mjDSBL_CONTACT | _DISABLE.mjDSBL_CONSTRAINT
+        mujoco.mj_fwdPosition(model, data)
+        option.disableflags = flags
+        collide(model, data, self._upright)
+        for cup in self._cups:
+            cup.add(model, data)
+        for i, rim in self._rims:
+            rim.add(model, data, float(model.pair_margin[i]), float(model.pair_gap[i]))
+        mujoco.mj_makeConstraint(model, data)
+        # of contacts too far away for a row MuJoCo gives the last one the number 0, which is another's
+        data.contact.efc_address[data.contact.exclude != 0] = -1
 
     def look(self, data: Any, dt: float) -> tuple[float, float, bool]:
         """(time to the soonest impact [s], its gap [m], whether anything touches or comes to rest within dt)."""
@@ -827,11 +909,12 @@ class Solver:
                 data.qpos[place : place + 7] = before[place : place + 7]
         self._acceleration = self._before = None
 
-    def slide(self, data: Any, dt: float, *, crowded: bool = False) -> None:
+    def slide(self, data: Any, dt: float, *, crowded: bool = False, deepest: float = math.inf) -> bool:
         """Drift half a step, solve for the accelerations that contact allows, kick, drift the other half.
 
         crowded: impacts that fall into the step are taken at its middle, all at once (J. J. Moreau, Lecture Notes in
-        Applied and Computational Mechanics 2 (1999) 1), instead of one after the other.
+        Applied and Computational Mechanics 2 (1999) 1), instead of one after the other. False, and the step is to be
+        undone, if there two surfaces overlap by more than `deepest`, over the smaller's radius, as they meet in it.
         """
         model = self._model
         if self._before is None:
@@ -852,6 +935,10 @@ class Solver:
             mujoco.mj_mulJacVec(model, data, data.efc_vel, data.qvel)
         self.look(data, dt)
         met = data.contact.dist < 0.5 * self._speed * -dt
+        if crowded and deepest < math.inf:
+            overlap = np.minimum(-data.contact.dist, 0.5 * dt * -self._speed)
+            if (overlap > deepest * self._size[data.contact.geom].min(axis=1)).any():
+                return False
         self._solve(data, dt, crowded=crowded)
         while self._break(data, 1.0):
             self.look(data, dt)
@@ -868,6 +955,7 @@ class Solver:
             _leave_out_gyroscopic(self._tops, self._inertia, middle, self._acceleration)
         mujoco.mj_integratePos(model, data.qpos, data.qvel, dt / 2)
         data.time += dt
+        return True
 
     def swing(self, data: Any, dt: float) -> None:
         """What equalities alone hold together moves by Runge-Kutta, with the forces that leave their gaps as they are;
@@ -928,6 +1016,8 @@ class Solver:
         rows = self._rows(data)
         eased = np.empty_like(rows)
         mujoco.mj_solveM(self._model, data, eased, rows)
+        if not math.isfinite(float(np.sum(rows) + np.sum(eased) + np.sum(missing))):  # LAPACK would say it out loud
+            raise ArithmeticError("what the equalities ask for is not finite")
         return np.asarray(np.linalg.lstsq(rows @ eased.T, missing, rcond=1e-10)[0] @ eased)
 
     def _look_back(self, data: Any, dt: float) -> None:
@@ -1005,6 +1095,7 @@ class Solver:
             reference += ahead * (target > _OPEN)
         reached = np.empty(len(target))
         nearest, waited, relax = np.inf, 0, 1.0
+        trail: list[Array] = []
         many = self.crowd(data)
         model.opt.iterations = _FEW_ROUNDS if many and self._speed.min() < -_LIVELY else _ROUNDS
         nearly = _NEARLY * max(1.0, -float(self._speed.min(initial=0.0)))
@@ -1023,7 +1114,11 @@ class Solver:
             if waited > _PATIENCE:
                 if nearest < _CLOSE:
                     break
-                waited, relax = 0, relax / 2 if relax > _LEAST_RELAX else 1.0  # it may go round in circles
+                waited, relax, trail = 0, relax / 2 if relax > _LEAST_RELAX else 1.0, []  # it may go round in circles
+            if solutions >= _PATIENCE and not many:
+                trail = [*trail[-2:], reference.copy()]
+                if len(trail) == 3 and _leap(trail[0], trail[1], trail[2], reference):
+                    waited, trail = 0, []
         else:
             return False
         shifts = reference - target
@@ -1062,6 +1157,124 @@ class _Before:
         drift *= 2 * self.dt / (self.dt + before.dt)
 
 
+def _blank(geom: int, other: int, surface: Surface) -> Any:
+    """A contact of two geoms, to be filled in with where and how."""
+    contact = mujoco.MjContact()
+    contact.dim = 3 if surface.static_friction > 0 else 1
+    contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
+    contact.solref, contact.solreffriction = (0.02, 1.0), (0.0, 0.0)
+    contact.solimp = IMPEDANCE
+    contact.geom = contact.geom1, contact.geom2 = geom, other
+    return contact
+
+
+def _fill(model: Any, data: Any, contact: Any, gaps: Array, places: Array, frames: Array, margin: float) -> None:
+    """Add contacts to those that MuJoCo has found: gaps (n,), places (n, 3), frames (n, 9)."""
+    for i in range(len(gaps)):
+        contact.dist, contact.pos, contact.frame = gaps[i], places[i], frames[i]
+        contact.includemargin, contact.exclude = margin, int(gaps[i] >= margin)
+        if mujoco.mj_addContact(model, data, contact):
+            raise MemoryError("no room for the contacts of a bowl or rim")
+
+
+class _Rim:
+    """The rim of a cylinder's end under a box that juts out beyond it, which MuJoCo 4.0 leaves out: of two faces it
+    finds corners of the one above the other, and the box sinks until it tilts."""
+
+    def __init__(self, model: Any, disc: int, block: int, surface: Surface) -> None:
+        self._disc, self._block = disc, block
+        self._radius, self._half = float(model.geom_size[disc, 0]), float(model.geom_size[disc, 1])
+        self._size = model.geom_size[block].copy()
+        self._contact = _blank(disc, block, surface)
+
+    def add(self, model: Any, data: Any, margin: float, ahead: float) -> None:
+        """Add the contacts of this moment nearer than `margin` + `ahead`, if MuJoCo's are those of two faces."""
+        c = data.contact
+        faces = c.frame[(c.geom == (self._disc, self._block)).all(axis=1), :3]
+        if margin + ahead <= 0.0 or not (np.abs(faces @ data.geom_xmat[self._disc][2::3]) > _LEVEL).any():
+            return  # the one lies on the side of the other, if they touch at all
+        found = _on_rim(
+            data.geom_xmat[self._disc], data.geom_xpos[self._disc], self._radius, self._half,
+            data.geom_xmat[self._block], data.geom_xpos[self._block], self._size, margin + ahead,
+        )  # fmt: skip
+        _fill(model, data, self._contact, *found, margin)
+
+
+@njit(cache=True)
+def _on_rim(
+    disc: Array, centre: Array, radius: float, half: float, turn: Array, place: Array, size: Array, reach: float
+) -> tuple[Array, Array, Array]:
+    """Gaps (n,), places (n, 3) and frames (n, 9): where a box's lowest face crosses the rim, and midway between.
+
+    Nothing, if the face does not lie on the end of the cylinder, or not beyond it.
+    """
+    gaps, places, frames = np.empty(16), np.empty((16, 3)), np.empty((16, 9))
+    out = np.empty(3)
+    for k in range(3):
+        out[k] = place[k] - centre[k]
+    side = np.sign(out[0] * disc[2] + out[1] * disc[5] + out[2] * disc[8])
+    # the box's axis that is most upright on the end, and the other two
+    best, along = 0, 0.0
+    for j in range(3):
+        c = side * (disc[2] * turn[j] + disc[5] * turn[3 + j] + disc[8] * turn[6 + j])
+        if abs(c) > abs(along):
+            best, along = j, c
+    if abs(along) < _LEVEL:
+        return gaps[:0], places[:0], frames[:0]
+    u, w = (best + 1) % 3, (best + 2) % 3
+    normal, face, end = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(3):
+        normal[k] = np.sign(along) * turn[3 * k + best]
+        face[k] = place[k] - normal[k] * size[best]
+        end[k] = centre[k] + side * half * disc[3 * k + 2]
+    # in the box's axes u and w the rim is (a + r cos φ + s sin φ), for each of the two
+    a, r, s = np.zeros(2), np.zeros(2), np.zeros(2)
+    for i, j in ((0, u), (1, w)):
+        for k in range(3):
+            a[i] += (end[k] - face[k]) * turn[3 * k + j]
+            r[i] += radius * disc[3 * k] * turn[3 * k + j]
+            s[i] += radius * disc[3 * k + 1] * turn[3 * k + j]
+    phis = np.empty(16)
+    count = 0
+    for i, j in ((0, u), (1, w)):
+        far, start = np.hypot(r[i], s[i]), np.arctan2(s[i], r[i])
+        for sign in (-1.0, 1.0):
+            cosine = (sign * size[j] - a[i]) / far if far > 0.0 else 2.0
+            if abs(cosine) < 1.0:
+                for way in (-1.0, 1.0):
+                    phi = start + way * np.arccos(cosine)
+                    other, q = 1 - i, (w, u)[i]
+                    if abs(a[other] + r[other] * np.cos(phi) + s[other] * np.sin(phi)) <= size[q]:
+                        phis[count] = phi % (2 * np.pi)
+                        count += 1
+    phis[:count].sort()
+    for c in range(count):
+        after = phis[c + 1] if c + 1 < count else phis[0] + 2 * np.pi
+        middle = (phis[c] + after) / 2
+        inside = True
+        for i, j in ((0, u), (1, w)):
+            inside = inside and abs(a[i] + r[i] * np.cos(middle) + s[i] * np.sin(middle)) <= size[j]
+        phis[count + c] = middle if inside else np.nan
+    found = 0
+    for c in range(2 * count):
+        if np.isnan(phis[c]):
+            continue
+        gap = 0.0
+        for k in range(3):
+            out[k] = end[k] + radius * (disc[3 * k] * np.cos(phis[c]) + disc[3 * k + 1] * np.sin(phis[c]))
+            gap += (face[k] - out[k]) * normal[k]
+        if gap >= reach or gap < -min(half, size[best]):
+            continue
+        gaps[found] = gap
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            places[found, k] = out[k] + normal[k] * gap / 2
+            frames[found, k], frames[found, 3 + k] = normal[k], turn[3 * k + u]
+            frames[found, 6 + k] = normal[i] * turn[3 * j + u] - normal[j] * turn[3 * i + u]
+        found += 1
+    return gaps[:found], places[:found], frames[:found]
+
+
 class _Cup:
     """A bowl and one geom that may lie in it."""
 
@@ -1074,12 +1287,7 @@ class _Cup:
         self._points = np.zeros((1, 3)) if self._sphere else signs * size
         self._radius = float(size[0]) if self._sphere else 0.0
         self._deepest = float(size[0] if self._sphere else size.min())
-        self._contact = mujoco.MjContact()
-        self._contact.dim = 3 if surface.static_friction > 0 else 1
-        self._contact.friction = (1.0, 1.0, 0.0, 0.0, 0.0)
-        self._contact.solref, self._contact.solreffriction = (0.02, 1.0), (0.0, 0.0)
-        self._contact.solimp = IMPEDANCE
-        self._contact.geom = self._contact.geom1, self._contact.geom2 = self._geom, self._other
+        self._contact = _blank(self._geom, self._other, surface)
         self.margin = self.ahead = 0.0
 
     def bend(self, model: Any, data: Any) -> float:
@@ -1087,20 +1295,14 @@ class _Cup:
         velocity = data.cvel[model.geom_bodyid[self._other], 3:]
         return float(velocity @ velocity) / self._bowl.radius
 
-    def add(self, model: Any, data: Any) -> int:
-        """Add the contacts of this moment; returns how many."""
-        gaps, places, frames = _in_cup(
+    def add(self, model: Any, data: Any) -> None:
+        """Add the contacts of this moment."""
+        found = _in_cup(
             self._points, self._radius, data.geom_xmat[self._other], data.geom_xpos[self._other],
             data.site_xpos[self._site], data.site_xmat[self._site], self._bowl.radius, self._bowl.rim,
             self.margin + self.ahead, self._deepest,
         )  # fmt: skip
-        contact = self._contact
-        for i in range(len(gaps)):
-            contact.dist, contact.pos, contact.frame = gaps[i], places[i], frames[i]
-            contact.includemargin, contact.exclude = self.margin, int(gaps[i] >= self.margin)
-            if mujoco.mj_addContact(model, data, contact):
-                raise MemoryError("no room for the contacts of a bowl")
-        return len(gaps)
+        _fill(model, data, self._contact, *found, self.margin)
 
 
 @njit(cache=True)

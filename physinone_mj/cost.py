@@ -147,11 +147,11 @@ class Ledger:
 
 
 @functools.cache
-def toll() -> tuple[float, float]:
+def toll(clock: Callable[[], float] = time.process_time) -> tuple[float, float]:
     """That of a `Ledger` on this machine: the least of many, as nothing but disturbances adds to it."""
     found = []
     for _ in range(_TRIALS):
-        with Ledger() as ledger:
+        with Ledger(clock=clock) as ledger:
             nothing = ledger.clocked(lambda: None, "within")
             for _ in range(_TRIALS):
                 nothing()
@@ -301,7 +301,6 @@ def apart(first: Run, second: Run) -> dict[str, float]:
     ]
     most = {name: float(np.abs(both[0][name] - both[1][name]).max(initial=0.0)) for name in both[0]}
     return {name: value for name, value in most.items() if value > 0}
-
 
 
 def _watch(ledger: Ledger, job: Job, compiled: Compiled) -> list[Economy]:

@@ -58,6 +58,10 @@ _RETRIES: Final = 3
 """Times that the instant of an impact is looked for in such a heap."""
 _QUIET: Final = 2
 """Impacts in such a step at which they are taken one by one again."""
+_DEEPEST: Final = 0.02
+"""What meets in a crowded step may overlap by this part of the smaller's bounding radius before it counts as met; else
+the step is halved, _HALVINGS times at most."""
+_HALVINGS: Final = 5
 _MAX_STEPS: Final = 20_000_000
 _MAX_MASS_RATIO: Final = 1e4
 _MAX_RATE: Final = 0.5
@@ -458,8 +462,7 @@ class Stepper:
             return
         if self._crowded:
             before = len(solver.impacts)
-            solver.slide(data, left, crowded=True)
-            self._forward()
+            self._slide_at_once(left)
             self._crowded = len(solver.impacts) > before + _QUIET
             return
         for events in range(_MAX_EVENTS):
@@ -482,8 +485,7 @@ class Stepper:
                 self._crowded = events > _CROWD or solver.crowd(data)
                 continue
             if self._crowded:
-                solver.slide(data, left, crowded=True)
-                self._forward()
+                self._slide_at_once(left)
                 return
             piece = min(left, soonest, due)
             state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
@@ -506,6 +508,21 @@ class Stepper:
             if left <= 1e-12 * self.compiled.step:
                 return
         raise UnstableScene(self.compiled.specimen, data.time, f"{_MAX_EVENTS} impacts within one step")
+
+    def _slide_at_once(self, dt: float, halvings: int = _HALVINGS) -> None:
+        """A crowded step; in two, if things would otherwise meet deep within each other."""
+        solver, data = self._solver, self.data
+        assert solver is not None
+        state = data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), data.time
+        memory = solver.remember()
+        if solver.slide(data, dt, crowded=True, deepest=_DEEPEST if halvings else math.inf):
+            self._forward()
+            return
+        data.qpos[:], data.qvel[:], data.qacc_warmstart[:], data.time = state
+        solver.recall(memory)
+        self._forward()
+        for _ in range(2):
+            self._slide_at_once(dt / 2, halvings - 1)
 
     def _forward(self) -> None:
         (self._solver.place if self._solver else functools.partial(mujoco.mj_fwdPosition, self.model))(self.data)

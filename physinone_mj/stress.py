@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from . import __version__
+from . import contact
 from .base import Choice, Param, ParameterError, Phenomenon, Refusal
-from .checks import spread
+from .checks import journal
 from .effects import Buoyancy, Drag, Magnets
 from .fidelity import DRAFT, Fidelity
 from .registry import phenomenon
@@ -195,7 +195,7 @@ def examine(what: Phenomenon, fidelity: Fidelity, limit: float = LIMIT) -> Recor
     """
     begun = time.process_time()
     record: Record = {
-        "version": __version__, "index": what.index, "label": what.label, "fidelity": fidelity.name,
+        "index": what.index, "label": what.label, "fidelity": fidelity.name,
         "values": what.values(), "inside": what.checked,
     }  # fmt: skip
     try:
@@ -324,10 +324,11 @@ def deepest(run: Run) -> tuple[tuple[float, str], tuple[float, str]]:
     model.pair_margin[:] = model.pair_gap[:] = 0.0  # the solver looks ahead
     size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)
     data, broken, whole = mujoco.MjData(model), -1, np.arange(model.nbody)
+    upright = contact.on_planes(model)
     for i in range(0, len(run), run.stride) if model.npair else ():
         data.qpos[:] = run.qpos[i]
         mujoco.mj_kinematics(model, data)
-        mujoco.mj_collision(model, data)
+        contact.collide(model, data, upright)
         if not data.ncon:
             continue
         if run.scene.bonds and (now := sum(b.time <= run.t[i] for b in run.breaks)) != broken:
@@ -457,7 +458,7 @@ def frontier(cls: type[Phenomenon], name: str, side: Side, fidelity: Fidelity, l
         ended = ending(records[-1])
         trusted = next((value for value in whole(inwards) if sound(value)), None)
     return {
-        "version": __version__, "index": cls.index, "label": cls.label, "fidelity": fidelity.name,
+        "index": cls.index, "label": cls.label, "fidelity": fidelity.name,
         "parameter": name, "side": side, "trusted": trusted, "ended": ended, "records": records,
     }  # fmt: skip
 
@@ -552,43 +553,14 @@ def attempt(task: Task) -> Record:
         name, _, side = what.partition(" ")
         return frontier(cls, name, "low" if side == "low" else "high", fidelity)
     if kind == "unused":
-        return {"version": __version__, "index": index, "label": cls.label, "unused": unused(cls)}
+        return {"index": index, "label": cls.label, "unused": unused(cls)}
     case = next(case for case in CASES if (case.index, case.name) == (index, what))
     return examine(specimen(cls, case.values), fidelity) | {"case": case.name, "expected": case.expected}
 
 
-def measure(todo: Iterable[Task], path: Path) -> dict[Task, Record]:
-    """Do what has not been done yet; a line of the file at `path` is one task with its record, added as they come.
-
-    Run again, it goes on where it was stopped. ValueError if the file is not of this version.
-    """
-    wanted = list(dict.fromkeys(todo))
-    known = read(path)
-    new = [task for task in wanted if task not in known]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    names = [f"{index} {phenomenon(index).label}, {kind}" for kind, index, _, _ in new]
-    for n, record in spread(attempt, new, names):
-        known[new[n]] = record
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([new[n], record], allow_nan=False) + "\n")
-    return {task: known[task] for task in wanted}
-
-
-def read(path: Path) -> dict[Task, Record]:
-    """What a file of `measure` holds; a last line that was cut off does not count."""
-    if not path.exists():
-        return {}
-    known: dict[Task, Record] = {}
-    lines = path.read_text(encoding="utf-8").split("\n")
-    if lines[-1]:
-        path.write_text("\n".join([*lines[:-1], ""]), encoding="utf-8")
-    for line in lines[:-1]:
-        (kind, index, preset, what), record = json.loads(line)
-        if record["version"] != __version__:
-            raise ValueError(f"{path}: measured with version {record['version']}; allowed: {__version__}, or another "
-                             f"file")  # fmt: skip
-        known[kind, index, preset, what] = record
-    return known
+def measure(todo: Sequence[Task], path: Path) -> dict[Task, Record]:
+    """Do what has not been done yet: a `journal`, at `path`."""
+    return journal(attempt, todo, lambda task: f"{task[1]} {phenomenon(task[1]).label}, {task[0]}", path)
 
 
 def tabulate(found: Mapping[Task, Record]) -> dict[str, Any]:
@@ -689,7 +661,7 @@ def page(table: Mapping[str, Any]) -> str:
         presets = list(dict.fromkeys(preset for p in entry["parameters"].values() for preset in p["trusted"]))
         if not presets:
             continue
-        lines += ["| parameter | unit | declared | trusted at | | what ends it below | above |", "|---" * 7 + "|"]
+        lines += ["| parameter | unit | declared | trusted at | range | what ends it below | above |", "|---" * 7 + "|"]
         for name, p in entry["parameters"].items():
             for preset, trusted in p["trusted"].items():
                 lines.append(f"| {name} | {p['unit']} | {p['low']:.3g} to {p['high']:.3g} | {preset} | {span(trusted)} "

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import json
 import math
 import statistics
 import time
@@ -26,9 +25,8 @@ from typing import Any, Final, TypeAlias
 import mujoco
 import numpy as np
 
-from . import __version__
 from .base import NotEvaluated, ParameterError, Phenomenon, Refusal
-from .checks import spread
+from .checks import journal
 from .fidelity import DRAFT, SAFETY, Fidelity
 from .registry import phenomenon
 from .simulate import OURS, Engine, UnstableScene, build, compile, simulate_specimen
@@ -37,10 +35,8 @@ from .terminal import figure
 Record: TypeAlias = dict[str, Any]
 """What came of one specimen at one setting, as JSON values: see `climb`."""
 
-LADDER: Final = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in (16, 32, 64, 128, 256, 512))
-GRIDS: Final = tuple(
-    Fidelity(f"{cells} cells", steps, cells, 4) for steps, cells in ((64, 8), (128, 12), (256, 16), (512, 24))
-)
+LADDER: Final = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in (32, 64, 128, 256, 512))
+GRIDS: Final = tuple(Fidelity(f"{cells} cells", steps, cells, 4) for steps, cells in ((64, 8), (128, 12), (256, 16)))
 """For matter; its cells cost the fourth power."""
 SPECIMENS: Final = 8
 """Random ones, unless told otherwise."""
@@ -52,6 +48,8 @@ FLOOR: Final = 1e-11
 """Relative error of round-off: less is not to be had."""
 GAIN: Final = 0.7
 """An error that is not smaller than this, over that of the setting before, has stopped shrinking."""
+SLOWER: Final = 0.3
+"""By which a law's order of convergence may fall short of the integrator's."""
 _LOOP: Final = 20_000
 _BALLS: Final = """
 <mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0"/><geom size=".1" pos="0 0 -1"/>
@@ -138,15 +136,12 @@ def climb(rung: Rung) -> list[Record]:
     cls = phenomenon(index)
     what, settings = specimen(cls, seed, number), ladder(cls)
     simulate_specimen(cls.make(), fidelity=settings[0])  # compilers do their work before anything is timed
-    head = {"version": __version__, "index": index, "seed": seed, "specimen": number, "values": what.values()}
+    head = {"index": index, "seed": seed, "specimen": number, "values": what.values()}
     records: list[Record] = []
     for setting in settings:
-        if number and setting.steps > FINEST:
+        if number and setting.steps > FINEST and any(record["outcome"] == "done" for record in records):
             break
-        # samples are a few steps apart at least: settings coarser than that are one
-        same = records and "step" in records[-1] and _step(what, setting) == records[-1]["step"]
-        new = records[-1] | {"steps": setting.steps, "cells": setting.cells} if same else attempt(what, setting)
-        records.append(head | new)
+        records.append(head | attempt(what, setting))
         if number and _stopped(records):
             break
     if study:
@@ -155,15 +150,6 @@ def climb(rung: Rung) -> list[Record]:
                 for engine in compile(what, build(what), setting).alternatives:
                     records.append(head | attempt(what, setting, engine))
     return records
-
-
-def _step(what: Phenomenon, setting: Fidelity) -> float | None:
-    """The time step of a rigid scene [s]; None if matter has a grid beside it, or the scene is refused."""
-    try:
-        compiled = compile(what, build(what), setting)
-    except Refusal:
-        return None
-    return None if compiled.scene.continua else compiled.step
 
 
 def _stopped(records: Sequence[Record]) -> bool:
@@ -185,43 +171,17 @@ def _stopped(records: Sequence[Record]) -> bool:
 
 
 def measure(rungs: Sequence[Rung], path: Path) -> list[Record]:
-    """Climb what has not been climbed yet; a line of the file at `path` is one specimen's records, added as they come.
-
-    Run again, it goes on where it was stopped. ValueError if the file is not of this version.
-    """
-    known = read(path)
-    todo = [rung for rung in rungs if rung not in known]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    names = [f"{index} {phenomenon(index).label}, specimen {number}" for index, _, number, _ in todo]
-    for n, records in spread(climb, todo, names):
-        known[todo[n]] = records
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([todo[n], records], allow_nan=False) + "\n")
-    return [record for rung in rungs for record in known[rung]]
-
-
-def read(path: Path) -> dict[Rung, list[Record]]:
-    """What a file of `measure` holds; a last line that was cut off does not count."""
-    if not path.exists():
-        return {}
-    known: dict[Rung, list[Record]] = {}
-    lines = path.read_text(encoding="utf-8").split("\n")
-    if lines[-1]:
-        path.write_text("\n".join([*lines[:-1], ""]), encoding="utf-8")
-    for line in lines[:-1]:
-        (index, seed, number, study), records = json.loads(line)
-        if any(record["version"] != __version__ for record in records):
-            raise ValueError(f"{path}: measured with version {records[0]['version']}; allowed: {__version__}, or "
-                             f"another file")  # fmt: skip
-        known[int(index), int(seed), int(number), bool(study)] = records
-    return known
+    """Climb what has not been climbed yet: a `journal`, at `path`."""
+    found = journal(climb, rungs, lambda rung: f"{rung[0]} {phenomenon(rung[0]).label}, specimen {rung[2]}", path)
+    return [record for rung in rungs for record in found[rung]]
 
 
 def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | None:
     """Observed order of convergence: slope of log error against log fineness (1/step, 1/cell) while the error shrinks.
 
-    Of the last three settings of the longest stretch in which each error is less than half of the one before and above
-    round-off, without its end if that is clearly flatter; None if there are not three.
+    Over the longest stretch in which each error is less than half of the one before and above round-off, without its
+    end if that is clearly flatter; None if these are not three settings. Where something happens within a step, a
+    release or a rope that goes taut, errors jump about their trend: hence all of it.
     """
     apart = dict(zip(fineness, errors, strict=True))
     known = [(n, e) for n, e in sorted(apart.items()) if e is not None and FLOOR < e < 1e300]
@@ -239,14 +199,14 @@ def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | 
         best = best[:-1] if flat < 0.85 * steep else best
     if len(best) < 3:
         return None
-    n, e = np.log(np.array(best[-3:])).T
+    n, e = np.log(np.array(best)).T
     return float(-np.polyfit(n, e, 1)[0])
 
 
 def tabulate(records: Iterable[Record]) -> dict[str, Any]:
     """What is kept of the records, by index: of each setting its cost and every law's largest error over all specimens.
 
-    A specimen that stopped climbing keeps its last errors; beyond FINEST the largest error shrinks as the nominal one.
+    A specimen that stopped climbing keeps its last errors; those that came to FINEST shrink beyond as the nominal one.
     """
     by_index: dict[int, list[Record]] = defaultdict(list)
     for record in records:
@@ -263,27 +223,22 @@ def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
     settings: list[dict[str, Any]] = []
     latest: dict[int, dict[str, float | None]] = {}
     broken: dict[int, bool] = {}
-    worst: dict[str, float] = {}
     share = 1.0
     for setting in ladder(phenomenon(index)):
         base = at.get((0, setting.steps))
         if base is None:
             continue
+        own, before = base.get("errors", {}), settings[-1]["nominal"] if settings else {}
+        both = [law for law in laws if before.get(law) and own.get(law) is not None]
+        smaller = {law: min(1.0, own[law] / before[law]) for law in both}
         for number in numbers:
             record = at.get((number, setting.steps))
             if record is not None:
                 broken[number] = record["outcome"] != "done"
                 latest[number] = record.get("errors", {})
-        own = base.get("errors", {})
-        if setting.steps <= FINEST:
-            known = {law: [x for e in latest.values() if (x := e.get(law)) is not None] for law in laws}
-            worst = {law: max(errors, default=math.nan) for law, errors in known.items()}
-        elif settings:
-            before = settings[-1]["nominal"]
-            worst = {
-                law: w * min(1.0, own[law] / before[law]) if own.get(law) is not None and before.get(law) else w
-                for law, w in worst.items()
-            }
+            elif setting.steps > FINEST and (number, FINEST) in at:
+                latest[number] = {law: e and e * smaller.get(law, 1.0) for law, e in latest[number].items()}
+        worst = {law: max((x for e in latest.values() if (x := e.get(law)) is not None), default=None) for law in laws}
         costs = [at[number, setting.steps]["cost"] for number in numbers
                  if "cost" in at.get((number, setting.steps), {})]  # fmt: skip
         if setting.steps <= FINEST and costs and "cost" in base:
@@ -294,7 +249,7 @@ def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
             "broken": sum(broken.values()),
             "unstable": sum(at.get((number, setting.steps), base)["outcome"] == "unstable" for number in numbers),
             "specimens": len(numbers), "nominal": {law: own.get(law) for law in laws},
-            "laws": {law: None if math.isnan(worst[law]) else worst[law] for law in laws},
+            "laws": worst,
         })  # fmt: skip
     grid = ladder(phenomenon(index)) is GRIDS
     done = [r for r in nominal if r["outcome"] == "done"]
@@ -308,7 +263,11 @@ def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
          "cost": r.get("cost"), "errors": r.get("errors", {})}
         for r in records if r["engine"] != OURS.name and r["specimen"] == 0
     ]  # fmt: skip
-    head = {"label": phenomenon(index).label, "grid": grid, "path_order": path}
+    made = compile(phenomenon(index).make(), build(phenomenon(index).make()), DRAFT)
+    head = {
+        "label": phenomenon(index).label, "grid": grid, "path_order": path,
+        "integrator_order": None if grid else 2 if made.constrained else 4,
+    }  # fmt: skip
     return head | {"settings": settings, "orders": orders, "engines": engines}
 
 
@@ -345,6 +304,7 @@ def plot(entry: Mapping[str, Any], path: Path) -> None:
     front. ImportError if matplotlib is missing (`pip install physinone-mj[study]`)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure_ = Figure(figsize=(8.0, 5.0), dpi=120, layout="constrained")
     FigureCanvasAgg(figure_)
@@ -364,13 +324,16 @@ def plot(entry: Mapping[str, Any], path: Path) -> None:
     marks = itertools.cycle("sD^v<>pX*")
     for name, group in itertools.groupby(sorted(others, key=lambda o: o[2]), key=lambda o: o[2]):
         costs, heights, _ = zip(*group, strict=True)
-        axes.scatter(costs, heights, marker=next(marks), s=22, alpha=0.6, label=name)
+        axes.scatter(costs, heights, marker=next(marks), s=22, alpha=0.6, label=f"{name} (nominal)")
     best = front([*ours, *((cost, error) for cost, error, _ in others)])
     if best:
         look: dict[str, Any] = {"color": "black", "linewidth": 2.5, "alpha": 0.35}
         axes.step(*zip(*best, strict=True), where="post", label="Pareto front", **look)
     axes.set(xscale="log", yscale="log", xlabel="cost of a simulated second [calibration loops]",
              ylabel="largest error of a law over the parameters' ranges", title=entry["label"])  # fmt: skip
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(visible=True, which="major", alpha=0.3)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     figure_.savefig(path)
@@ -378,7 +341,7 @@ def plot(entry: Mapping[str, Any], path: Path) -> None:
 
 def problems(table: Mapping[str, Any]) -> list[str]:
     """What no honest program would show, a line each: steps that do not follow the setting, specimens that break, laws
-    that neither converge nor are at round-off nor say what limits them."""
+    that neither converge, as fast as the integrator does, nor are at round-off nor say what limits them."""
     found = []
     for index, entry in table.items():
         name = f"{index} {entry['label']}"
@@ -394,6 +357,11 @@ def problems(table: Mapping[str, Any]) -> list[str]:
             if len(errors) > 2 and not laws[law].limited_by and errors[-1] > max(floor, errors[0] / 4):
                 found.append(f"{name}: {law} errs by {errors[0]:.2g} at the coarsest setting, by {errors[-1]:.2g} at "
                              f"the finest, and names nothing that limits it")  # fmt: skip
+        least = (entry["integrator_order"] or 0) - SLOWER
+        for law, slope in entry["orders"].items():
+            if slope is not None and slope < least and not laws[law].limited_by:
+                found.append(f"{name}: {law} converges with order {slope:.2g}; the integrator's is "
+                             f"{entry['integrator_order']}, and it names nothing that limits it")  # fmt: skip
     return found
 
 
@@ -437,7 +405,8 @@ def page(table: Mapping[str, Any]) -> str:
             lines.append(f"| {law.replace('_', ' ')} | {errors} | {'-' if slope is None else f'{slope:.1f}'} |")
         if entry["path_order"] is not None:
             slope = entry["path_order"]
-            lines += ["", f"Positions at a quarter and a half of the time converge with order {slope:.1f}."]
+            lines += ["", f"Positions at a quarter and a half of the time converge with order {slope:.1f}; the "
+                      f"integrator's is {entry['integrator_order']}."]  # fmt: skip
         if entry["engines"]:
             lines += ["", "| engine, nominal | steps | cost | largest error | law |", "|---|---|---|---|---|"]
         for other in entry["engines"]:

@@ -317,6 +317,65 @@ def misses(bodies: list[Body], after: list[Body], touches: list[Touch], impulses
     return worst
 
 
+def test_a_cylinder_stands_on_a_plane_at_any_tilt() -> None:
+    """MuJoCo 4.0 alone sees the rim centimetres away, or not at all, at a tilt of 1e-15."""
+    half, radius = 0.02, 0.05
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><geom name="plane" type="plane" size="1 1 1" quat="0.9 0.2 0.1 0.3"/>
+        <body name="puck"><freejoint/><geom name="puck" type="cylinder" size="{radius} {half}" mass="1"/></body>
+        </worldbody><contact><pair geom1="plane" geom2="puck" margin="1e-4" gap="1e-2"/></contact></mujoco>"""
+    )
+    data, rng = mujoco.MjData(model), np.random.default_rng(11)
+    solver = contact.Solver(model, [Surface()])
+    level, turn, place = model.geom("plane").quat, np.empty(4), np.empty(3)
+    mujoco.mju_rotVecQuat(place, np.array([0, 0, half - 1e-6]), level)
+    worst = 0.0
+    for tilt in 10 ** rng.uniform(-17, -6, 400):
+        way, spin = rng.uniform(0, 2 * math.pi), rng.uniform(-1, 1)
+        lean = np.array([1, tilt / 2 * math.cos(way), tilt / 2 * math.sin(way), spin])
+        mujoco.mju_mulQuat(turn, level, lean / np.linalg.norm(lean))
+        data.qpos[:] = *place, *turn
+        solver.place(data)
+        assert data.ncon >= 3
+        worst = max(worst, np.abs(data.contact.dist[:3] + 1e-6).max() - radius * tilt)
+    assert worst < 1e-7 * radius  # what is left is MuJoCo's own, just above the tilt at which it is set right
+
+
+def test_a_box_juts_out_over_the_rim_of_a_disc() -> None:
+    """Its lowest face touches the rim where they cross and midway between, and nowhere once it is lifted or tilted."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom name="disc" type="cylinder" size="0.5 0.01" euler="0 0 20"/>
+        <body name="box"><freejoint/><geom name="box" type="box" size="0.04 0.06 0.05" mass="1"/></body>
+        </worldbody><contact><pair geom1="disc" geom2="box" margin="1e-4" gap="1e-3"/></contact></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    solver = contact.Solver(model, [Surface()])
+    for way in np.linspace(0, 6, 7):
+        out = np.array([math.cos(way), math.sin(way)])
+        data.qpos[:] = *(0.49 * out), 0.06 - 1e-6, math.cos(way / 2), 0, 0, math.sin(way / 2)
+        mujoco.mj_fwdPosition(model, data)
+        alone = data.ncon
+        solver.place(data)
+        places = data.contact.pos[alone:, :2]
+        assert np.allclose(data.contact.dist[alone:], -1e-6, atol=1e-12)
+        assert np.allclose(data.contact.frame[alone:, :3], [0, 0, 1])
+        assert np.allclose(np.linalg.norm(places, axis=1), 0.5)
+        across = places @ [-out[1], out[0]]
+        # the sides at ±0.06 cross the rim; the third lies midway
+        assert np.allclose(np.sort(across), [-0.06, 0, 0.06], atol=1e-12)
+    for height, tilt in ((0.062, 0.0), (0.06, 0.4)):
+        data.qpos[:] = 0.49, 0, height, math.cos(tilt / 2), 0, math.sin(tilt / 2), 0
+        mujoco.mj_fwdPosition(model, data)
+        alone = data.ncon
+        solver.place(data)
+        assert data.ncon == alone
+    data.qpos[:] = 0.3, 0, 0.06, 1, 0, 0, 0  # wholly on the disc
+    mujoco.mj_fwdPosition(model, data)
+    alone = data.ncon
+    solver.place(data)
+    assert data.ncon == alone
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.3, 0.9])
 def test_box_flat_on_the_floor(mu: float) -> None:
     """Four contacts: which corner holds and which slips is not always unique, that each obeys the laws is required."""

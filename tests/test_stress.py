@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from physinone_mj import fidelity, registry, stress
+from physinone_mj import __version__, checks, fidelity, registry, stress
 from physinone_mj.__main__ import main
 from physinone_mj.base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
@@ -398,7 +398,7 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> list[stress.Task]:
             done.append(task)
             yield n, work(task)
 
-    monkeypatch.setattr(stress, "spread", spread)
+    monkeypatch.setattr(checks, "spread", spread)
     return done
 
 
@@ -416,8 +416,8 @@ def test_a_run_goes_on_where_it_was_stopped(listed: list[stress.Task], tmp_path:
     listed.clear()
     assert stress.measure(todo, path) == again
     assert listed == []
-    path.write_text(path.read_text().replace('"version": "', '"version": "9'))
-    with pytest.raises(ValueError, match=r"records\.jsonl: measured with version 9.*; allowed: "):
+    path.write_text(path.read_text().replace(f'["{__version__}"', '["9"'))
+    with pytest.raises(ValueError, match=r"records\.jsonl: measured with version 9; allowed: "):
         stress.measure(todo, path)
 
 

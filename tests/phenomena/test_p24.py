@@ -18,6 +18,7 @@ from physinone_mj.fidelity import DRAFT, STANDARD
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene
 from physinone_mj.simulate import simulate_specimen
+from physinone_mj.stress import deepest
 from tests.conftest import nominal
 
 from .verdicts import failed, judge_random, verdicts
@@ -200,6 +201,13 @@ def test_two_in_one_scene_bump_into_each_other() -> None:
         fracture.place(scene, name, broken, density=21300.0, surface=Surface(), stress=1e3, position=(x, 0, 1.0))
     assert len({body.name for body in scene.spec.bodies}) == len(list(scene.spec.bodies))
     scene.spec.compile()
+
+
+def test_pieces_do_not_sink_into_the_floor() -> None:
+    """A weak plate goes to pieces as it lands: a crowd of impacts, some of them at 6 m/s in a step of 4 ms."""
+    heavy = {"density": 21300.0, "friction": 0.9, "restitution": 0.1}
+    overlap, crowded = deepest(drop(shape="plate", strength=100.0, height=2.0, **heavy))
+    assert max(overlap[0], crowded[0]) < 0.05
 
 
 def test_random_specimens() -> None:

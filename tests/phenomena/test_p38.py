@@ -48,7 +48,7 @@ def cross(**values: Any) -> Run:
                 {"blocker": "pendulum", "swing": 1.0, "length": 1.0},
             )
         ),
-        {"graze": 1.3},
+        pytest.param({"graze": 1.3}, marks=pytest.mark.slow),
     ],
 )
 def test_true_beam_is_right(values: dict[str, Any]) -> None:

@@ -92,6 +92,17 @@ def test_mass_ratios_of_two_hundred(mass: float, tray_mass: float) -> None:
     assert {STOPPED, ONE, LEFT} & failed(run) == set()
 
 
+def test_a_load_of_two_hundred_trays_slips_without_a_hop() -> None:
+    """What slips is found by a series that shrinks by a hundredth at a time: it has to be summed, not waited for."""
+    one = carry(thrust=10.0, friction=0.9, tray_mass=0.05, mass=10.0, stack=1, slender=0.5, density=21300.0)
+    specimen = one.specimen
+    riding = specimen.riding(one)
+    heights = one.position("block1/block")[riding, 2]
+    assert np.ptp(heights) < 1e-9
+    tray = acceleration(one.t[riding], one.position(TRAY)[riding, 0])
+    assert tray == pytest.approx((0.05 + 10.0) * 10.0 / 0.05 - 0.9 * 10.0 * g / 0.05, rel=1e-9)
+
+
 def test_a_stack_of_four_rides_along() -> None:
     run = carry(stack=4, slender=0.8, friction=0.2, thrust=1.9)
     riding = run.specimen.riding(run)

@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 
 from phenomena.p45_chain_suspend import ChainSuspend
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.fidelity import DRAFT
+from physinone_mj.fidelity import DRAFT, Fidelity
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene
-from physinone_mj.simulate import simulate_specimen
+from physinone_mj.simulate import UnstableScene, simulate_specimen
 from tests.conftest import nominal
 
 from .verdicts import failed
@@ -176,3 +176,12 @@ def test_a_whipping_chain_gains_no_energy(pitch: float, mass: float, load: float
     energy = run.motion.kinetic + run.motion.potential
     assert run.motion.kinetic.max() > 0.02
     assert (energy - np.minimum.accumulate(energy)).max() < 5e-3 * run.motion.kinetic.max()
+
+
+def test_one_that_whips_beyond_all_numbers_says_so(capfd: pytest.CaptureFixture[str]) -> None:
+    """Steps far too coarse for its 45 links: no exception of a linear algebra, and no word of LAPACK's."""
+    values = {"mount": "hooks", "links": 45, "pitch": 0.038, "mass": 0.071, "span": 0.373, "load": 5.13}
+    wild = ChainSuspend.make(**values, push=0.445, damping=4.61)
+    with pytest.raises(UnstableScene, match="not finite"):
+        simulate_specimen(wild, fidelity=Fidelity("coarse", 16, 8, 4))
+    assert capfd.readouterr() == ("", "")
