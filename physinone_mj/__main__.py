@@ -9,7 +9,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -353,7 +353,7 @@ def trade(
         Path | None, typer.Option(metavar="DIR", help="Draw error against cost, a PNG each (an extra: study).")
     ] = None,
     table_file: Annotated[
-        Path | None, typer.Option("--table", metavar="FILE", help="Write the table that --tolerance reads, as JSON.")
+        Path | None, typer.Option("--table", metavar="FILE", help="Update the table that --tolerance reads (JSON).")
     ] = None,
     pictures: Annotated[
         int | None,
@@ -368,6 +368,7 @@ def trade(
     if not 0 <= specimens <= 10_000 or not 0 <= seed < 2**63:
         raise BadInput(f"--specimens {specimens} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
     folders_exist(report=report, csv=csv, table=table_file)
+    before = table_so_far(table_file)
     needed = {"--plots": (plots, "matplotlib"), "--pictures": (pictures, "skimage")}
     for option, (asked, module) in needed.items():
         if asked is not None and not importlib.util.find_spec(module):
@@ -381,7 +382,7 @@ def trade(
     rungs = [(index, seed, number, study and number == 0) for number in range(specimens + 1) for index in meant]
     with as_typed():
         table = tool.tabulate(tool.measure(rungs, records))
-    write_tables(table, tool.page(table), table_file, report)
+    write_tables(before, table, tool.page, table_file, report)
     if csv:
         write_csv(csv, tool.rows(table))
     for index, entry in table.items() if plots else ():
@@ -400,12 +401,29 @@ def folders_exist(**files: Path | None) -> None:
             raise BadInput(f"--{name} {file}: no folder {file.parent}; allowed: a file in a folder that exists")
 
 
-def write_tables(table: dict[str, Any], page: str, table_file: Path | None, report: Path | None) -> None:
-    """Those that were asked for."""
+def table_so_far(file: Path | None) -> dict[str, Any]:
+    """What a file of --table says already; BadInput if it is none."""
+    if file is None or not file.exists():
+        return {}
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        table = None
+    if not isinstance(table, dict) or not all(index.isdecimal() for index in table):
+        raise BadInput(f"--table {file}: not a table by index; allowed: one of this command's, or a new file")
+    return table
+
+
+def write_tables(
+    before: dict[str, Any], table: dict[str, Any], page: Callable[[dict[str, Any]], str], table_file: Path | None,
+    report: Path | None,
+) -> None:  # fmt: skip
+    """Those that were asked for, with what the table said before of other phenomena."""
+    table = dict(sorted((before | table).items(), key=lambda entry: int(entry[0])))
     if table_file:
         table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     if report:
-        report.write_text(page, encoding="utf-8")
+        report.write_text(page(table), encoding="utf-8")
 
 
 def complain_of(problems: Sequence[str]) -> None:
@@ -519,7 +537,7 @@ def stress(
     ] = Path("out/stress.jsonl"),
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as Markdown.")] = None,
     table_file: Annotated[
-        Path | None, typer.Option("--table", metavar="FILE", help="Write the table that `show` reads, as JSON.")
+        Path | None, typer.Option("--table", metavar="FILE", help="Update the table that `show` reads (JSON).")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -530,13 +548,14 @@ def stress(
     if not 0 <= latin <= 10_000 or not 0 <= seed < 2**63:
         raise BadInput(f"--latin {latin} --seed {seed}; allowed: 0 to 10000, 0 to {2**63 - 1}")
     folders_exist(report=report, table=table_file)
+    before = table_so_far(table_file)
     within = fidelity_named(fidelity).name
     pushed = [] if frontier == ["none"] else [fidelity_named(name).name for name in frontier or ["draft"]]
     meant = [entry.index for entry in (chosen(which) if which else entries())]
     todo = [task for index in meant for task in tool.tasks(index, seed, latin, within, pushed)]
     with as_typed():
         table = tool.tabulate(tool.measure(todo, records))
-    write_tables(table, tool.page(table), table_file, report)
+    write_tables(before, table, tool.page, table_file, report)
     if as_json:
         say_json(table)
     else:

@@ -145,7 +145,10 @@ BLUR: Final = 2.0**-23
 """Vertices of meshes are known to single precision: gaps up to this fraction of their size are none."""
 
 _LEVEL: Final = 0.95
-"""Cosine of the tilt up to which a box lies on the end of a cylinder: more, and it touches the rim in one place."""
+"""Cosine of the tilt up to which a box lies on the end of a cylinder."""
+
+_FLAT: Final = 1e-4
+"""Tilt beyond which it is known where along the rim it touches [rad]."""
 
 _FLUSH: Final = 1e-8
 """Tilt of a cylinder on a plane up to which it stands upright [rad]. MuJoCo 4.0 (`mjraw_PlaneCylinder`) looks for the
@@ -333,12 +336,17 @@ def _stand(pairs: NDArray[np.int32], turn: Array) -> int:
     return stood
 
 
-def on_planes(model: Any) -> NDArray[np.int32]:
-    """The pairs (n, 2) of a plane and a cylinder among those that may touch."""
+def _pairs_of(model: Any, first: Any, second: Any) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Numbers (n,) and geoms (n, 2) of the pairs of two types of geoms, the lower type first, that may touch."""
     pairs = np.column_stack([model.pair_geom1, model.pair_geom2]).reshape(-1, 2)
     pairs = np.take_along_axis(pairs, np.argsort(model.geom_type[pairs], axis=1), axis=1)
-    kinds = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-    return np.asarray(pairs[(model.geom_type[pairs] == kinds).all(axis=1)])
+    numbers = np.flatnonzero((model.geom_type[pairs] == (int(first), int(second))).all(axis=1))
+    return numbers, np.asarray(pairs[numbers])
+
+
+def on_planes(model: Any) -> NDArray[np.int32]:
+    """The pairs (n, 2) of a plane and a cylinder among those that may touch."""
+    return _pairs_of(model, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_CYLINDER)[1]
 
 
 def collide(model: Any, data: Any, upright: NDArray[np.int32]) -> None:
@@ -645,12 +653,8 @@ class Solver:
             a = model.geom(bowl.geom).id
             self._pair_of[a, b] = self._pair_of[b, a] = i
             self._cups.append(_Cup(model, bowl, b, surface))
-        kinds = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_BOX)
-        self._rims = []
-        for i, pair in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
-            disc, block = sorted(pair, key=lambda geom: model.geom_type[geom])
-            if (model.geom_type[disc], model.geom_type[block]) == kinds:
-                self._rims.append((i, _Rim(model, disc, block, pairs[i])))
+        numbers, lying = _pairs_of(model, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX)
+        self._lying = [(i, _End(model, geoms, pairs[i])) for i, geoms in zip(numbers, lying, strict=True)]
         self._restitution = np.array([s.restitution for s in surfaces])
         self._kinetic = np.array([s.friction for s in surfaces])
         self._sticking = np.array([s.static_friction for s in surfaces])
@@ -786,18 +790,26 @@ class Solver:
     def place(self, data: Any) -> None:
         """Everything that follows from the positions: poses, contacts, rows."""
         model, option = self._model, self._model.opt
-        if not (len(self._upright) or self._cups or self._rims):
+        if not (len(self._upright) or self._cups or self._lying):
             mujoco.mj_fwdPosition(model, data)
             return
         flags = option.disableflags
         option.disableflags = flags | _DISABLE.mjDSBL_CONTACT | _DISABLE.mjDSBL_CONSTRAINT
         mujoco.mj_fwdPosition(model, data)
         option.disableflags = flags
+        margin, gap = model.pair_margin.copy(), model.pair_gap.copy()
+        lying = []
+        for i, end in self._lying:
+            reach = margin[i] + gap[i]
+            if reach > 0.0 and (found := end.find(data, reach)) is not None:
+                lying.append((end, found, margin[i]))
+                model.pair_margin[i], model.pair_gap[i] = self._unseen[i], 0.0
         collide(model, data, self._upright)
+        for end, found, room in lying:
+            end.add(model, data, found, room)
+        model.pair_margin[:], model.pair_gap[:] = margin, gap
         for cup in self._cups:
             cup.add(model, data)
-        for i, rim in self._rims:
-            rim.add(model, data, float(model.pair_margin[i]), float(model.pair_gap[i]))
         mujoco.mj_makeConstraint(model, data)
         # of contacts too far away for a row MuJoCo gives the last one the number 0, which is another's
         data.contact.efc_address[data.contact.exclude != 0] = -1
@@ -1063,7 +1075,15 @@ class Solver:
         raise NotSettled("contact forces did not settle")
 
     def _settle(
-        self, data: Any, dt: float, step: float, most: int, *, bounce: float, dilate: bool, impact: bool,
+        self,
+        data: Any,
+        dt: float,
+        step: float,
+        most: int,
+        *,
+        bounce: float,
+        dilate: bool,
+        impact: bool,
         crowded: bool,
     ) -> bool:
         """Whether the solution was found in so many; gaps are closed at the pace of one `step`, never if that is
@@ -1177,39 +1197,43 @@ def _fill(model: Any, data: Any, contact: Any, gaps: Array, places: Array, frame
             raise MemoryError("no room for the contacts of a bowl or rim")
 
 
-class _Rim:
-    """The rim of a cylinder's end under a box that juts out beyond it, which MuJoCo 4.0 leaves out: of two faces it
-    finds corners of the one above the other, and the box sinks until it tilts."""
+class _End:
+    """The end of a cylinder on which a box lies. MuJoCo 4.0 is not asked about such a pair. Of two faces it finds the
+    corners of the one above the other, so that a box that juts out over the rim sinks until it tilts; and it gives all
+    of them the normal of the box's face: for the box's own corners that is wrong by its tilt, and on an end that turns
+    away below, at many metres per second, it lets them in."""
 
-    def __init__(self, model: Any, disc: int, block: int, surface: Surface) -> None:
-        self._disc, self._block = disc, block
-        self._radius, self._half = float(model.geom_size[disc, 0]), float(model.geom_size[disc, 1])
-        self._size = model.geom_size[block].copy()
-        self._contact = _blank(disc, block, surface)
+    def __init__(self, model: Any, geoms: NDArray[np.int32], surface: Surface) -> None:
+        self._disc, self._block = (int(geom) for geom in geoms)
+        self._radius, self._half = (float(size) for size in model.geom_size[self._disc, :2])
+        self._size = model.geom_size[self._block].copy()
+        self._contact = _blank(self._disc, self._block, surface)
 
-    def add(self, model: Any, data: Any, margin: float, ahead: float) -> None:
-        """Add the contacts of this moment nearer than `margin` + `ahead`, if MuJoCo's are those of two faces."""
-        c = data.contact
-        faces = c.frame[(c.geom == (self._disc, self._block)).all(axis=1), :3]
-        if margin + ahead <= 0.0 or not (np.abs(faces @ data.geom_xmat[self._disc][2::3]) > _LEVEL).any():
-            return  # the one lies on the side of the other, if they touch at all
-        found = _on_rim(
+    def find(self, data: Any, reach: float) -> tuple[Array, Array, Array] | None:
+        """Gaps, places and frames nearer than `reach` of the box that lies on the end or above it; None if it does
+        not."""
+        lies, gaps, places, frames = _on_end(
             data.geom_xmat[self._disc], data.geom_xpos[self._disc], self._radius, self._half,
-            data.geom_xmat[self._block], data.geom_xpos[self._block], self._size, margin + ahead,
+            data.geom_xmat[self._block], data.geom_xpos[self._block], self._size, reach,
         )  # fmt: skip
+        return (gaps, places, frames) if lies else None
+
+    def add(self, model: Any, data: Any, found: tuple[Array, Array, Array], margin: float) -> None:
+        """Add what `find` has found to the contacts."""
         _fill(model, data, self._contact, *found, margin)
 
 
 @njit(cache=True)
-def _on_rim(
+def _on_end(
     disc: Array, centre: Array, radius: float, half: float, turn: Array, place: Array, size: Array, reach: float
-) -> tuple[Array, Array, Array]:
-    """Gaps (n,), places (n, 3) and frames (n, 9): where a box's lowest face crosses the rim, and midway between.
-
-    Nothing, if the face does not lie on the end of the cylinder, or not beyond it.
+) -> tuple[bool, Array, Array, Array]:
+    """Whether a box's lowest face lies on a cylinder's end; gaps (n,), places (n, 3) and frames (n, 9): its corners
+    above the end (the normal is the end's axis), where its edges cross the rim (across both) and on the rim between
+    (the face's normal).
     """
-    gaps, places, frames = np.empty(16), np.empty((16, 3)), np.empty((16, 9))
-    out = np.empty(3)
+    gaps, places, frames = np.empty(20), np.empty((20, 3)), np.empty((20, 9))
+    nothing = False, gaps[:0], places[:0], frames[:0]
+    out, normal, face, end, axis = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(3):
         out[k] = place[k] - centre[k]
     side = np.sign(out[0] * disc[2] + out[1] * disc[5] + out[2] * disc[8])
@@ -1220,59 +1244,108 @@ def _on_rim(
         if abs(c) > abs(along):
             best, along = j, c
     if abs(along) < _LEVEL:
-        return gaps[:0], places[:0], frames[:0]
+        return nothing
     u, w = (best + 1) % 3, (best + 2) % 3
-    normal, face, end = np.empty(3), np.empty(3), np.empty(3)
     for k in range(3):
+        axis[k] = side * disc[3 * k + 2]
         normal[k] = np.sign(along) * turn[3 * k + best]
         face[k] = place[k] - normal[k] * size[best]
-        end[k] = centre[k] + side * half * disc[3 * k + 2]
-    # in the box's axes u and w the rim is (a + r cos φ + s sin φ), for each of the two
+        end[k] = centre[k] + half * axis[k]
+    # in the box's axes u and w the rim is (a + r cos φ + s sin φ), for each of the two; it is highest on the face at φ*
     a, r, s = np.zeros(2), np.zeros(2), np.zeros(2)
     for i, j in ((0, u), (1, w)):
         for k in range(3):
             a[i] += (end[k] - face[k]) * turn[3 * k + j]
             r[i] += radius * disc[3 * k] * turn[3 * k + j]
             s[i] += radius * disc[3 * k + 1] * turn[3 * k + j]
-    phis = np.empty(16)
-    count = 0
+    rise = np.zeros(2)
+    for i in range(2):
+        for k in range(3):
+            rise[i] += disc[3 * k + i] * normal[k]
+    tilt, steepest = rise[0] ** 2 + rise[1] ** 2, np.arctan2(rise[1], rise[0])
+    found = 0
+    for corner in range(4):
+        height = aside = 0.0
+        for k in range(3):
+            out[k] = face[k] - end[k]
+            out[k] += (size[u] if corner % 2 else -size[u]) * turn[3 * k + u]
+            out[k] += (size[w] if corner // 2 else -size[w]) * turn[3 * k + w]
+            height += out[k] * axis[k]
+            aside += out[k] ** 2
+        if aside - height**2 <= radius**2:
+            gaps[found] = height
+            for k in range(3):
+                places[found, k], frames[found, k] = end[k] + out[k] - axis[k] * height / 2, axis[k]
+            found += 1
+    phis, edges, count = np.empty(8), np.empty(8, np.int64), 0  # where the rim crosses the edges along which axis
     for i, j in ((0, u), (1, w)):
         far, start = np.hypot(r[i], s[i]), np.arctan2(s[i], r[i])
         for sign in (-1.0, 1.0):
             cosine = (sign * size[j] - a[i]) / far if far > 0.0 else 2.0
             if abs(cosine) < 1.0:
                 for way in (-1.0, 1.0):
-                    phi = start + way * np.arccos(cosine)
+                    phi = (start + way * np.arccos(cosine)) % (2 * np.pi)
                     other, q = 1 - i, (w, u)[i]
                     if abs(a[other] + r[other] * np.cos(phi) + s[other] * np.sin(phi)) <= size[q]:
-                        phis[count] = phi % (2 * np.pi)
+                        phis[count], edges[count] = phi, q
                         count += 1
-    phis[:count].sort()
-    for c in range(count):
-        after = phis[c + 1] if c + 1 < count else phis[0] + 2 * np.pi
-        middle = (phis[c] + after) / 2
-        inside = True
-        for i, j in ((0, u), (1, w)):
-            inside = inside and abs(a[i] + r[i] * np.cos(middle) + s[i] * np.sin(middle)) <= size[j]
-        phis[count + c] = middle if inside else np.nan
-    found = 0
+    if not found + count:
+        return nothing
+    order = np.argsort(phis[:count])
     for c in range(2 * count):
-        if np.isnan(phis[c]):
-            continue
-        gap = 0.0
+        phi = phis[order[c % count]]
+        if c >= count:
+            width = (phis[order[(c + 1) % count]] - phi) % (2 * np.pi)
+            middle = width / 2
+            if not (abs(a[0] + r[0] * np.cos(phi + middle) + s[0] * np.sin(phi + middle)) <= size[u]
+                    and abs(a[1] + r[1] * np.cos(phi + middle) + s[1] * np.sin(phi + middle)) <= size[w]):  # fmt: skip
+                continue
+            highest = (steepest - phi) % (2 * np.pi)
+            if highest < width:  # of what lies flat, rounding would choose where
+                middle += (highest - middle) * tilt / (tilt + _FLAT**2)
+            phi += middle
+        cos, sin = np.cos(phi), np.sin(phi)
+        height = 0.0
         for k in range(3):
-            out[k] = end[k] + radius * (disc[3 * k] * np.cos(phis[c]) + disc[3 * k + 1] * np.sin(phis[c]))
-            gap += (face[k] - out[k]) * normal[k]
-        if gap >= reach or gap < -min(half, size[best]):
-            continue
-        gaps[found] = gap
+            out[k] = end[k] + radius * (disc[3 * k] * cos + disc[3 * k + 1] * sin)
+            height += (face[k] - out[k]) * normal[k]
+            frames[found, k] = normal[k]
+        if c < count:
+            e = edges[order[c]]
+            square = upward = share = 0.0
+            for k in range(3):
+                i, j = (k + 1) % 3, (k + 2) % 3
+                across = turn[3 * i + e] * (disc[3 * j + 1] * cos - disc[3 * j] * sin)
+                across -= turn[3 * j + e] * (disc[3 * i + 1] * cos - disc[3 * i] * sin)
+                frames[found, k] = across
+                square += across**2
+                upward += across * axis[k]
+            for k in range(3):  # along the rim there is no such direction
+                frames[found, k] = frames[found, k] * np.sign(upward) / np.sqrt(square) if square > 0.01 else axis[k]
+                share += frames[found, k] * normal[k]
+            height *= share
+        gaps[found] = height
         for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            places[found, k] = out[k] + normal[k] * gap / 2
-            frames[found, k], frames[found, 3 + k] = normal[k], turn[3 * k + u]
-            frames[found, 6 + k] = normal[i] * turn[3 * j + u] - normal[j] * turn[3 * i + u]
+            places[found, k] = out[k] + frames[found, k] * height / 2
         found += 1
-    return gaps[:found], places[:found], frames[:found]
+    # how deep the box is in the side of the cylinder: if less than in its end, it does not lie there
+    beside = np.hypot(max(abs(a[0]) - size[u], 0.0), max(abs(a[1]) - size[w], 0.0))
+    if gaps[:found].min() < min(beside - radius, 0.0):
+        return nothing
+    near = 0
+    for c in range(found):
+        if gaps[c] < reach:
+            gaps[near], places[near] = gaps[c], places[c]
+            n = frames[c, :3].copy()
+            upward = turn[u] * n[0] + turn[3 + u] * n[1] + turn[6 + u] * n[2]
+            square = 1.0 - upward**2
+            for k in range(3):
+                frames[near, k], frames[near, 3 + k] = n[k], (turn[3 * k + u] - upward * n[k]) / np.sqrt(square)
+            for k in range(3):
+                i, j = (k + 1) % 3, (k + 2) % 3
+                frames[near, 6 + k] = n[i] * frames[near, 3 + j] - n[j] * frames[near, 3 + i]
+            near += 1
+    return True, gaps[:near], places[:near], frames[:near]
 
 
 class _Cup:

@@ -341,39 +341,76 @@ def test_a_cylinder_stands_on_a_plane_at_any_tilt() -> None:
     assert worst < 1e-7 * radius  # what is left is MuJoCo's own, just above the tilt at which it is set right
 
 
+DISC = """<mujoco><worldbody><body name="disc"><joint axis="0 0 1"/>
+    <geom name="disc" type="cylinder" size="0.5 0.01" mass="1" euler="0 0 20"/></body>
+    <body name="box"><freejoint/><geom name="box" type="box" size="0.04 0.06 0.05" mass="1"/></body>
+    </worldbody><contact><pair geom1="disc" geom2="box" margin="1e-4" gap="1e-3"/></contact></mujoco>"""
+
+
 def test_a_box_juts_out_over_the_rim_of_a_disc() -> None:
-    """Its lowest face touches the rim where they cross and midway between, and nowhere once it is lifted or tilted."""
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><geom name="disc" type="cylinder" size="0.5 0.01" euler="0 0 20"/>
-        <body name="box"><freejoint/><geom name="box" type="box" size="0.04 0.06 0.05" mass="1"/></body>
-        </worldbody><contact><pair geom1="disc" geom2="box" margin="1e-4" gap="1e-3"/></contact></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    solver = contact.Solver(model, [Surface()])
+    """It touches with the corners above the disc, and with the rim where its sides cross it and midway between."""
+    model = mujoco.MjModel.from_xml_string(DISC)
+    data, solver = mujoco.MjData(model), contact.Solver(model, [Surface()])
     for way in np.linspace(0, 6, 7):
-        out = np.array([math.cos(way), math.sin(way)])
-        data.qpos[:] = *(0.49 * out), 0.06 - 1e-6, math.cos(way / 2), 0, 0, math.sin(way / 2)
-        mujoco.mj_fwdPosition(model, data)
-        alone = data.ncon
+        out, along = np.array([math.cos(way), math.sin(way)]), np.array([-math.sin(way), math.cos(way)])
+        data.qpos[1:] = *(0.49 * out), 0.06 - 1e-6, math.cos(way / 2), 0, 0, math.sin(way / 2)
         solver.place(data)
-        places = data.contact.pos[alone:, :2]
-        assert np.allclose(data.contact.dist[alone:], -1e-6, atol=1e-12)
-        assert np.allclose(data.contact.frame[alone:, :3], [0, 0, 1])
-        assert np.allclose(np.linalg.norm(places, axis=1), 0.5)
-        across = places @ [-out[1], out[0]]
-        # the sides at ±0.06 cross the rim; the third lies midway
-        assert np.allclose(np.sort(across), [-0.06, 0, 0.06], atol=1e-12)
-    for height, tilt in ((0.062, 0.0), (0.06, 0.4)):
-        data.qpos[:] = 0.49, 0, height, math.cos(tilt / 2), 0, math.sin(tilt / 2), 0
-        mujoco.mj_fwdPosition(model, data)
-        alone = data.ncon
-        solver.place(data)
-        assert data.ncon == alone
-    data.qpos[:] = 0.3, 0, 0.06, 1, 0, 0, 0  # wholly on the disc
-    mujoco.mj_fwdPosition(model, data)
-    alone = data.ncon
+        assert np.allclose(data.contact.dist, -1e-6, atol=1e-12)
+        assert np.allclose(data.contact.frame.reshape(-1, 3, 3)[:, 0], [0, 0, 1])
+        assert np.allclose(np.linalg.det(data.contact.frame.reshape(-1, 3, 3)), 1)
+        assert np.allclose(data.contact.pos[:, 2], 0.01 - 5e-7, rtol=0, atol=1e-12)
+        assert (data.contact.geom == [model.geom("disc").id, model.geom("box").id]).all()
+        crossed = math.sqrt(0.5**2 - 0.06**2)
+        expected = [(0.45, -0.06), (0.45, 0.06), (crossed, -0.06), (crossed, 0.06), (0.5, 0.0)]
+        found = np.round([(x @ out, x @ along) for x in data.contact.pos[:, :2]], 9)
+        assert np.allclose(sorted(map(tuple, found)), sorted(expected), atol=1e-8)
+
+
+def test_a_box_on_a_disc_away_from_its_rim() -> None:
+    model = mujoco.MjModel.from_xml_string(DISC)
+    data, solver = mujoco.MjData(model), contact.Solver(model, [Surface()])
+    data.qpos[1:] = 0.3, 0, 0.06 + 1e-5, 1, 0, 0, 0
     solver.place(data)
-    assert data.ncon == alone
+    corners = [(0.3 + x, y) for x in (-0.04, 0.04) for y in (-0.06, 0.06)]
+    assert np.allclose(sorted(map(tuple, data.contact.pos[:, :2])), sorted(corners), atol=1e-12)
+    assert np.allclose(data.contact.dist, 1e-5, atol=1e-12)
+    data.qpos[1:4] = 0.3, 0, 0.0612  # out of reach
+    solver.place(data)
+    assert data.ncon == 0
+    data.qpos[1:4] = 0.54 - 1e-6, 0, 0.055  # in the side: a millimetre, or five of its end
+    solver.place(data)
+    assert data.ncon
+    assert np.allclose(data.contact.frame[:, :3], [1, 0, 0], atol=1e-3)
+    assert data.contact.dist.min() == pytest.approx(-1e-6, rel=0.01)
+
+
+def test_gaps_of_a_box_on_a_turning_disc_close_as_fast_as_its_contacts_say() -> None:
+    """Where a corner bears on the end, an edge on the rim or the face on it: each has a normal of its own."""
+    model = mujoco.MjModel.from_xml_string(DISC)
+    data, solver, rng = mujoco.MjData(model), contact.Solver(model, [Surface()]), np.random.default_rng(3)
+    dt, most = 1e-7, 0
+    for tilt in (0.0, 1e-3, 5e-3, 0.02):
+        for _ in range(5):
+            way, radius = rng.uniform(0, 2 * math.pi), rng.uniform(0.47, 0.49)
+            lean, turn = np.empty(4), np.array([math.cos(way / 2), 0, 0, math.sin(way / 2)])
+            mujoco.mju_axisAngle2Quat(lean, np.array([-math.sin(way), math.cos(way), 0]), tilt)  # outwards
+            mujoco.mju_mulQuat(data.qpos[4:], lean, turn)
+            data.qpos[:4] = 0, radius * math.cos(way), radius * math.sin(way), 0.06
+            data.qvel[:] = 12, *rng.uniform(-5, 5, 2), 0, 0, 0, rng.uniform(-12, 12)
+            solver.place(data)
+            mujoco.mj_fwdVelocity(model, data)
+            rates = []
+            for c in data.contact:
+                there = [np.zeros((3, model.nv)) for _ in range(2)]
+                for jacobian, geom in zip(there, c.geom, strict=True):
+                    mujoco.mj_jac(model, data, jacobian, None, c.pos, model.geom_bodyid[geom])
+                rates.append(c.frame[:3] @ ((there[1] - there[0]) @ data.qvel))
+            before = data.contact.dist.copy()
+            mujoco.mj_integratePos(model, data.qpos, data.qvel, dt)
+            solver.place(data)
+            assert np.allclose((data.contact.dist - before) / dt, rates, rtol=0, atol=2e-4)
+            most = max(most, len(before))
+    assert most == 5
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3, 0.9])

@@ -205,42 +205,48 @@ def test_what_is_loaded_without_need_is_seen() -> None:
     assert any(name.startswith(GRAPHICS) for name in more)
 
 
-SAMPLES = 240
-"""Recorded samples that are compared: a second, or more of those that come to rest later."""
-SLEEPERS = {2: 240, 10: 871, 12: 1039, 18: 1159, 20: 737, 21: 240, 24: 290, 25: 350, 41: 240, 42: 240, 48: 330, 49: 40,
-            50: 400}  # fmt: skip
+SAMPLES, AFTER = 240, 60
+"""Recorded samples that are compared: a second, or, of those that come to rest later, some more after they have."""
+SLEEPERS = {2, 10, 12, 18, 20, 21, 24, 25, 41, 42, 48, 49, 50}
 STOPPED = 1e-6
 """What falls asleep is slower than `contact.STILL`, 1e-8 m/s, and is stopped: by less than this in any coordinate."""
-LIVELY = {20, 24, 25, 49}
+CROWDS = {24, 25, 49}
+"""There it is slower than 1e-4 m/s. When that is, if it is before the scene ends, depends on the last digit of all that
+was before, and so on the machine."""
+LIVELY = {20, *CROWDS}
 """Where others slide and collide meanwhile, whose contact problem has then fewer rows: its solution is known to 1e-5
 m/s, to 1e-2 in a crowd, and they go another way. Elsewhere it is the same one to ten times less than `STOPPED`."""
 
 
-def motion(specimen: Phenomenon, engine: Engine, samples: int) -> tuple[np.ndarray[Any, Any], int]:
-    """The recorded state (samples, nq + nv), and in which sample something first falls asleep; samples, if in none."""
+def motion(specimen: Phenomenon, engine: Engine, samples: int | None) -> tuple[np.ndarray[Any, Any], int]:
+    """The recorded state (samples, nq + nv), and in which sample something first falls asleep; samples, if in none.
+
+    Without a number: until AFTER more than that, and SAMPLES at least.
+    """
     compiled = ready(specimen, engine)
-    states, first = [], samples
+    states, first = [], compiled.samples
     with Stepper(compiled) as stepper:
-        for sample in range(min(samples, compiled.samples - 1)):
+        for sample in range(compiled.samples - 1):
+            if sample == (max(SAMPLES, first + AFTER) if samples is None else samples):
+                break
             stepper.advance()
             states.append(np.concatenate([stepper.data.qpos, stepper.data.qvel]))
             if stepper._solver is not None and len(stepper._solver._asleep):
                 first = min(first, sample)
-    return np.array(states), first
+    return np.array(states), min(first, len(states))
 
 
 @numbered(BODIES)
 def test_with_everything_on_it_moves_just_as_it_does(entry: Entry) -> None:
-    samples = SLEEPERS.get(entry.index, SAMPLES)
-    (plain, asleep), (everything, awake) = (
-        motion(phenomenon(entry.index).make(), engine, samples) for engine in (OURS, EVERYTHING)
-    )
-    assert awake == samples, "nothing sleeps with everything on"
-    assert (asleep < samples) == (entry.index in SLEEPERS)
+    sleeps, crowd = entry.index in SLEEPERS, entry.index in CROWDS
+    plain, asleep = motion(phenomenon(entry.index).make(), OURS, None if sleeps else SAMPLES)
+    everything, awake = motion(phenomenon(entry.index).make(), EVERYTHING, len(plain))
+    assert awake == len(everything) == len(plain), "nothing sleeps with everything on"
+    assert (asleep < len(plain)) == sleeps or crowd
     assert plain[:asleep].tobytes() == everything[:asleep].tobytes()
-    if asleep < samples:
+    if asleep < len(plain):
         off = np.abs(plain - everything).max(axis=1)
-        assert 0 < off[asleep] <= STOPPED
+        assert 0 < off[asleep] <= (100 if crowd else 1) * STOPPED
         assert off.max() <= STOPPED / 10 or entry.index in LIVELY
 
 

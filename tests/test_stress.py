@@ -300,7 +300,7 @@ def test_every_two_levels_meet(sizes: tuple[int, ...]) -> None:
     for (i, m), (j, n) in itertools.combinations(enumerate(sizes), 2):
         assert {(row[i], row[j]) for row in rows} == set(itertools.product(range(m), range(n)))
     assert all(0 <= k < m for row in rows for k, m in zip(row, sizes, strict=True))
-    largest, next_ = sorted(sizes)[: -3 : -1]
+    largest, next_ = sorted(sizes)[:-3:-1]
     assert len(rows) <= max(2 * largest * next_, 14)
     assert rows == stress.covering(sizes, seed=1)
 
@@ -428,9 +428,13 @@ def test_the_command(
     monkeypatch.setattr(stress, "_CONTEXTS", 2)
     records, report, table = (tmp_path / name for name in ("records.jsonl", "stability.md", "stability.json"))
     common = ["stress", "0", "--fidelity", "draft", "--latin", "2", "--records", str(records)]
+    earlier = {"46": fidelity.measured("stability")["46"]}
+    table.write_text(json.dumps(earlier | {"0": "to be replaced"}), encoding="utf-8")
     assert main([*common, "--report", str(report), "--table", str(table), "--json"]) == 0
     said = json.loads(capfd.readouterr().out)
-    assert said == json.loads(table.read_text(encoding="utf-8"))
+    kept = json.loads(table.read_text(encoding="utf-8"))
+    assert kept == said | earlier
+    assert list(kept) == ["0", "46"]
     entry = said["0"]
     assert entry["outcomes"]["sound"] == entry["specimens"] == len([t for t in listed if t[0] == "specimen"])
     assert entry["wrong"] == []
@@ -440,6 +444,7 @@ def test_the_command(
     }  # fmt: skip
     text = report.read_text(encoding="utf-8")
     assert "| height | m | 0.5 to 2 | draft | 0.0625 to 8 | holds as far as it was pushed | refused R12 |" in text
+    assert "## 46 SimplePendulum" in text
     monkeypatch.setattr(fidelity, "measured", lambda what: said)
     assert main(["show", "0", "--json"]) == 0
     shown = json.loads(capfd.readouterr().out)["parameters"]
@@ -482,6 +487,16 @@ def test_bad_input_is_one_line(arguments: tuple[str, ...], part: str, capfd: pyt
     assert said.out == ""
     assert said.err.count("\n") == 1
     assert part in said.err
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"pendulum": {}}'])
+def test_what_is_no_table_is_not_replaced(content: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "table.json"
+    table.write_text(content, encoding="utf-8")
+    assert main(["stress", "46", "--table", str(table), "--records", str(tmp_path / "records")]) == 2
+    assert f"--table {table}: not a table by index" in capfd.readouterr().err
+    assert table.read_text(encoding="utf-8") == content
+    assert not (tmp_path / "records").exists()
 
 
 def test_nothing_is_shown_of_what_was_not_measured(
