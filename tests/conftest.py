@@ -31,12 +31,12 @@ def pytest_configure() -> None:
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """All tests of one phenomenon go to one process, one after the other, so that they share its runs; so do those of
-    one file that compile Taichi's kernels."""
+    one file that compile Taichi's kernels, or share scene folders."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByPhenomenon(LoadScopeScheduling):  # type: ignore[misc, unused-ignore]
         def _split_scope(self, nodeid: str) -> str:
-            if "/mpm_sidecar/" in nodeid:
+            if "/mpm_sidecar/" in nodeid or "/test_dataset" in nodeid:
                 return nodeid.split("::")[0]
             found = re.search(r"test_p(\d\d)\.py|\[(\d+)[-\]]", nodeid)
             return f"phenomenon {int(found[1] or found[2])}" if found else nodeid

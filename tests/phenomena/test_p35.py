@@ -275,9 +275,14 @@ def test_the_mirror_stands_on_the_table_and_its_back_looks_away() -> None:
     "values",
     [
         {"radius": 0.2, "aperture": 0.95, "fan": 0.9, "offset": 0.3, "count": 15, "pace": 1.0, "tilt": 0.4},
-        {"radius": 2.0, "aperture": 0.5, "fan": 0.05, "offset": 0.02, "count": 3, "pace": 0.1, "tilt": -0.4},
         {"light": "lamp", "far": 3.5, "near": 0.15, "pace": 1.0, "count": 15, "aperture": 0.95},
-        {"light": "lamp", "far": 1.5, "near": 0.45, "pace": 0.1, "tilt": radians(20)},
+        *(
+            pytest.param(extreme, marks=pytest.mark.slow)
+            for extreme in (
+                {"radius": 2.0, "aperture": 0.5, "fan": 0.05, "offset": 0.02, "count": 3, "pace": 0.1, "tilt": -0.4},
+                {"light": "lamp", "far": 1.5, "near": 0.45, "pace": 0.1, "tilt": radians(20)},
+            )
+        ),
     ],
 )
 def test_extremes(values: dict[str, Any]) -> None:
