@@ -31,6 +31,7 @@ balls none. Static friction passes to kinetic at a slip of `CREEP` m/s, a step a
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -99,6 +100,11 @@ PUSH_OUT: Final = 0.1
 """Fraction of a penetration taken back in one whole step; what is taken back becomes speed, so it stays small."""
 
 _LEAST_RELAX: Final = 1 / 8
+
+OVERLAPPING: Final = "overlaps left as they are"
+INELASTIC: Final = "without restitution"
+CONVEX: Final = "convex contact"
+"""How a contact problem is eased that cannot be solved as it is."""
 
 _DISABLE = mujoco.mjtDisableBit
 _KIND = mujoco.mjtConstraint
@@ -712,6 +718,7 @@ class Solver:
         self._acceleration: Array | None = None
         self.impacts: list[Impact] = []
         self.breaks: list[Break] = []
+        self.eased: Counter[str] = Counter()
         self._find_wholes(np.ones(len(self._bonds), bool))
 
     def _find_wholes(self, alive: NDArray[np.bool_]) -> None:
@@ -1062,14 +1069,16 @@ class Solver:
 
         What is jammed between things that do not yield cannot be pushed out of them: then overlaps stay as they are.
         Nor can it bounce off all of them: then it does not. What still has no solution, or hides it, takes the step
-        that MuJoCo's convex contact would: what slips moves apart.
+        that MuJoCo's convex contact would: what slips moves apart. All this is counted, in `eased`.
         """
-        tries = [(math.inf, 1.0, _MAX_SHIFTS, False), (math.inf, 0.0, 2 * _LONG, False)]
-        tries += [(math.inf, 0.0, _PATIENCE, True)]
+        tries = [("", math.inf, 1.0, _MAX_SHIFTS, False), (INELASTIC, math.inf, 0.0, 2 * _LONG, False)]
+        tries += [(CONVEX, math.inf, 0.0, _PATIENCE, True)]
         if not impact:
-            tries = [(self._step, 1.0, _LONG, False), (math.inf, 1.0, 2 * _LONG, False), *tries[1:]]
-        for step, bounce, most, dilate in tries:
+            tries = [("", self._step, 1.0, _LONG, False), (OVERLAPPING, math.inf, 1.0, 2 * _LONG, False), *tries[1:]]
+        for how, step, bounce, most, dilate in tries:
             if self._settle(data, dt, step, most, bounce=bounce, dilate=dilate, impact=impact, crowded=crowded):
+                if how:
+                    self.eased[how] += 1
                 return
             self._shifts = self._trend = np.empty(0)
         raise NotSettled("contact forces did not settle")

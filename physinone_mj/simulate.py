@@ -429,6 +429,11 @@ class Stepper:
         """Bonds that broke so far."""
         return self._solver.breaks if self._solver else []
 
+    @property
+    def eased(self) -> dict[str, int]:
+        """Contact problems so far that could not be solved as they were, by how they were eased."""
+        return dict(self._solver.eased) if self._solver else {}
+
     def _switch_on(self) -> None:
         """Everything that will be cut holds; what is to happen when, soonest last."""
         model, data, scene = self.model, self.data, self.compiled.scene
@@ -586,7 +591,7 @@ def simulate_specimen(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
         stride=compiled.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=compiled.step,
         seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed, engine),
-        cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
+        eased=stepper.eased, cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
     )  # fmt: skip
 
 

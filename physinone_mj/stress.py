@@ -252,6 +252,7 @@ def _judged(what: Phenomenon, run: Run) -> Record:
     return {
         "outcome": "broken" if wrong else "sound", "wrong": wrong, "laws": ratios, "silent": silent,
         "energy": energy, "unjudged": unjudged, "overlap": overlap[0], "crowded": crowded[0],
+        "eased": dict(run.eased),
     }  # fmt: skip
 
 
@@ -602,6 +603,7 @@ def _table(cls: type[Phenomenon], records: Sequence[tuple[str, Record]]) -> dict
         "unjudged": sorted({r["unjudged"] for r in judged if r["unjudged"]}),
         "overlap": max((r["overlap"] for r in judged), default=None),
         "crowded": max((r["crowded"] for r in judged), default=None),
+        "eased": dict(sum((Counter(r["eased"]) for r in judged), Counter())),
         "parameters": parameters,
         "cases": [{"name": r["case"], "expected": r["expected"], "found": ending(r)} for r in cases],
         "wrong": wrong,
@@ -658,6 +660,9 @@ def page(table: Mapping[str, Any]) -> str:
         lines += [f"- **{wrong}**" for wrong in entry["wrong"]] + [""] * bool(entry["wrong"])
         if entry["rules"]:
             lines += ["Refused: " + ", ".join(f"{count} by {rule}" for rule, count in entry["rules"].items()) + ".", ""]
+        if entry.get("eased"):
+            eased = ", ".join(f"{count} {how}" for how, count in entry["eased"].items())
+            lines += [f"Contact problems that could not be solved as they were: {eased}.", ""]
         presets = list(dict.fromkeys(preset for p in entry["parameters"].values() for preset in p["trusted"]))
         if not presets:
             continue
