@@ -647,6 +647,26 @@ class Bullet(Phenomenon, domain="mechanics"):
         return ""
 
 
+@pytest.mark.parametrize(
+    ("stubborn", "eased"),
+    [
+        (lambda how: how["bounce"] == 0, {contact.INELASTIC}),
+        (lambda how: how["dilate"], {contact.CONVEX}),
+        (lambda how: True, set()),
+    ],
+)
+def test_what_cannot_be_solved_is_eased_and_counted(
+    stubborn: Callable[[dict[str, Any]], bool], eased: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settle = contact.Solver._settle
+    monkeypatch.setattr(contact.Solver, "_settle", lambda *a, **how: bool(stubborn(how) and settle(*a, **how)))
+    run = simulate_specimen(Bullet(distance=0.5), fidelity=DRAFT)
+    assert run.eased.keys() == eased
+    after = np.searchsorted(run.t, run.impacts[0].time) + 1
+    apart = (run.velocity("block/block") - run.velocity("ball/ball"))[after, 0]
+    assert apart == pytest.approx(0.0 if eased else 50.0, abs=0.05)
+
+
 @pytest.mark.parametrize("fidelity", [Fidelity("coarse", 8, 8, 4), DRAFT, STANDARD], ids=lambda f: f.name)
 @pytest.mark.parametrize("distance", [0.5, 0.731, 1.0])
 def test_a_bullet_never_tunnels(fidelity: Fidelity, distance: float) -> None:
