@@ -240,17 +240,20 @@ class Puck(Phenomenon, domain="mechanics"):
         return "A puck stands."
 
 
-@pytest.mark.parametrize("tilt", [0.0, 1e-15, 1e-12, 1e-5])
-def test_overlaps_of_a_disc_that_stands_are_seen(tilt: float) -> None:
-    """MuJoCo 4.0 alone loses some, at tilts that are next to nothing."""
+def test_overlaps_of_a_disc_that_stands_are_seen() -> None:
+    """MuJoCo 4.0 alone is wrong about a sixth of them."""
     run = simulate_specimen(Puck(), fidelity=DRAFT)
     assert stress.deepest(run)[0][0] < 1e-6
-    qpos = run.qpos.copy()
-    qpos[len(run) // 2 :, 2] -= 0.01
-    qpos[:, 3:] = np.array([1, tilt / 2, 0, 0]) / math.hypot(1, tilt / 2)
-    deep, whose = stress.deepest(dataclasses.replace(run, qpos=qpos))[0]
-    assert deep == pytest.approx(0.01 / math.hypot(0.05, 0.02), rel=1e-3)
-    assert whose == "stage/floor and puck/puck"
+    first = dataclasses.replace(run, t=run.t[:1], qpos=run.qpos[:1].copy(), qvel=run.qvel[:1])
+    first.qpos[0, 2] -= 0.01
+    rng = np.random.default_rng(1)
+    for tilt in 10 ** rng.uniform(-17, -8, 60):
+        way, turn = rng.uniform(0, 2 * pi), rng.uniform(-1, 1)
+        lean = np.array([1, tilt / 2 * math.cos(way), tilt / 2 * math.sin(way), turn])
+        first.qpos[0, 3:] = lean / np.linalg.norm(lean)
+        deep, whose = stress.deepest(first)[0]
+        assert deep == pytest.approx(0.01 / math.hypot(0.05, 0.02), rel=1e-3)
+        assert whose == "stage/floor and puck/puck"
 
 
 def test_a_crash_says_where() -> None:
