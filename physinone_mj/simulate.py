@@ -31,6 +31,7 @@ from scipy.linalg import eigh
 
 from . import contact, optics
 from .base import Phenomenon, Refusal, Verdict
+from .collision import IMPEDANCE
 from .constants import STANDARD_GRAVITY
 from .contact import Surface
 from .continuum import Continuum
@@ -205,7 +206,7 @@ def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity, engine: Engi
         model.opt.tolerance = 1e-15
         model.opt.disableflags |= _DISABLE.mjDSBL_ISLAND
         for rows in (model.eq_solimp, model.jnt_solimp, model.tendon_solimp_lim, model.dof_solimp):
-            rows[:] = contact.IMPEDANCE
+            rows[:] = IMPEDANCE
     elif engine.frugal:
         model.opt.disableflags |= _DISABLE.mjDSBL_CONSTRAINT
     if not (surfaces or cups) and engine.frugal:
@@ -260,7 +261,7 @@ def _contact_pairs(scene: Scene, step: float) -> tuple[dict[str, Surface], list[
                 pair.friction = [friction, friction, 0, 0, 0]
                 pair.solref = (0.0, -(1 + surface.restitution) / step)
                 pair.solreffriction = (0.0, -1 / step)
-                pair.solimp = contact.IMPEDANCE
+                pair.solimp = IMPEDANCE
                 surfaces[name] = surface
     return surfaces, cups
 

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from . import contact
+from . import collision
 from .base import Choice, Param, ParameterError, Phenomenon, Refusal
 from .checks import journal
 from .effects import Buoyancy, Drag, Magnets
@@ -325,11 +325,11 @@ def deepest(run: Run) -> tuple[tuple[float, str], tuple[float, str]]:
     model.pair_margin[:] = model.pair_gap[:] = 0.0  # the solver looks ahead
     size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)
     data, broken, whole = mujoco.MjData(model), -1, np.arange(model.nbody)
-    upright = contact.on_planes(model)
+    upright = collision.on_planes(model)
     for i in range(0, len(run), run.stride) if model.npair else ():
         data.qpos[:] = run.qpos[i]
         mujoco.mj_kinematics(model, data)
-        contact.collide(model, data, upright)
+        collision.collide(model, data, upright)
         if not data.ncon:
             continue
         if run.scene.bonds and (now := sum(b.time <= run.t[i] for b in run.breaks)) != broken:

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 
 from physinone_mj import contact
 from physinone_mj.base import Choice, Param, Phenomenon
+from physinone_mj.collision import IMPEDANCE
 from physinone_mj.contact import Surface
 from physinone_mj.fidelity import DRAFT, REFERENCE, STANDARD, Fidelity
 from physinone_mj.run import Impact, Run
@@ -160,7 +161,7 @@ def struck(
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.tolerance = 1e-15
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
-    model.pair_solimp[:] = contact.IMPEDANCE
+    model.pair_solimp[:] = IMPEDANCE
     data = mujoco.MjData(model)
     for i, (_, _, _, _, quaternion, velocity, spin) in enumerate(geoms):
         turn = np.zeros(9)

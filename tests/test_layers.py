@@ -10,7 +10,8 @@ import pytest
 HOME = Path(__file__).resolve().parents[1]
 PACKAGES = ("physinone_mj", "phenomena", "mjcf_templates", "mpm_sidecar", "render")
 VOCABULARY = {
-    "constants", "fidelity", "base", "scene", "run", "effects", "contact", "measure", "fracture", "optics", "continuum",
+    "constants", "fidelity", "base", "scene", "run", "effects", "contact", "collision", "measure", "fracture", "optics",
+    "continuum",
 }  # fmt: skip
 MODULES = sorted(path.relative_to(HOME) for package in PACKAGES for path in (HOME / package).rglob("*.py"))
 
