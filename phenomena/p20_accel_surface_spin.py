@@ -23,7 +23,7 @@ from phenomena.turntables import (
 )
 from physinone_mj.base import Measurement, NotEvaluated, Param, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.contact import Surface
+from physinone_mj.contact import CREEP, Surface
 from physinone_mj.measure import between, threshold
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene
@@ -208,12 +208,18 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
             began = self.slips[i]
             spin = float(self.course.spin(began))
             soon = min(0.03, 0.1 / spin)  # the quicker the table, the sooner the way bends
-            some = between(run.t, began + soon, began + 5 * soon)
+            slip = drift(run, self.body(i), HINGE)
+            speed, some = np.linalg.norm(slip, axis=1), between(run.t, began + soon, began + 5 * soon)
+            if speed[some].max() < 10 * CREEP:
+                continue
+            some &= speed > 3 * CREEP
             out = plan(run, self.body(i))[some] / distance(run, self.body(i))[some, None]
-            slip = drift(run, self.body(i), HINGE)[some]
+            slip = slip[some]
             angle = np.arctan2(-np.sum(slip * across(out), axis=1), np.sum(slip * out, axis=1))
             measured.append(np.polyfit(run.t[some] - began, angle, 2)[-1])
             expected.append(atan2(self.rate, spin**2))
+        if not measured:
+            raise NotEvaluated(f"no block that slips is as fast as {10 * CREEP:g} m/s before its way bends")
         return measured, expected
 
     @law("ẍ = -μ g û, û = w/|w|, w = ẋ - Ω ẑ × x", source="Coulomb, Théorie des machines simples (1785)",
