@@ -49,7 +49,7 @@ laws: $(READY)  ## every law, measured: docs/laws.md at reference fidelity, docs
 trade: $(READY)  ## docs/trade.md and what --tolerance reads: error against cost (half an hour; it goes on where it was)
 	$(BIN)/physinone trade --study --report docs/trade.md --table physinone_mj/measured/trade.json
 
-stability: $(READY)  ## docs/stability.md and what show reads: the extremes (an hour; it goes on where it was stopped)
+stability: $(READY)  ## docs/stability.md and what show reads: the extremes (hours; it goes on where it was stopped)
 	$(BIN)/physinone stress --report docs/stability.md --table physinone_mj/measured/stability.json
 
 lint: $(READY)  ## ruff and mypy
