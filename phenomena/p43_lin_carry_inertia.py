@@ -27,6 +27,10 @@ ROOM: Final = 0.08
 MARGIN: Final = 5e-4
 """A thrust this much less than critical must keep the load where it is, this much more must not (of the thrust)."""
 
+HEAVIEST: Final = 200.0
+"""Load over the mass of the tray. Eight hundred times as heavy, blocks that topple press a tray into the stop by a
+hundredth of its size."""
+
 LONG: Final = 1.5
 STEADY: Final = 0.9
 """Slope of friction, in the load's width over its height, up to which it slides and does not topple."""
@@ -93,6 +97,9 @@ class LinCarryInertia(Phenomenon, domain="mechanics"):
             least = self.mass / (self.slender * 0.3**3)
             raise Refusal("R1", f"blocks {self.width:.3g} m wide do not go on the tray; "
                           f"allowed: a density of {least:.4g} kg/m³ or more")  # fmt: skip
+        if self.stack * self.mass > HEAVIEST * self.tray_mass:
+            raise Refusal("R3", f"a load of {self.stack * self.mass:.3g} kg on a tray of {self.tray_mass:.3g} kg; "
+                          f"allowed: {HEAVIEST:g} times the tray's mass")  # fmt: skip
         self._place_tray(scene, bed)
         rough = Surface(friction=self.friction)
         for body in ("tray/bed", TRAY, "tray/track", "tray/nose", "tray/stop", "tray/rail"):

@@ -140,6 +140,11 @@ def test_a_tall_load_falls_over_forwards_at_the_stop() -> None:
     assert upright.min() < 0.5
 
 
+def test_a_load_heavier_than_two_hundred_trays_is_refused() -> None:
+    with pytest.raises(Refusal, match=r"R3: a load of 10.1 kg on a tray of 0.05 kg; allowed: 200 times"):
+        carry(mass=5.05, stack=2, tray_mass=0.05)
+
+
 def test_a_block_wider_than_the_tray_is_refused() -> None:
     with pytest.raises(Refusal, match=r"R1: blocks 0.322 m wide .*allowed: a density of 740.7"):
         carry(mass=10.0, slender=0.5, density=600.0)
