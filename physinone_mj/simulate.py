@@ -147,14 +147,18 @@ class Compiled:
     def double(self) -> bool:
         """Whether its continua are computed in double precision."""
         asked = self.engine.double
-        return self.fidelity.cells >= REFERENCE.cells if asked is None else asked
+        return self._usually_double if asked is None else asked
+
+    @property
+    def _usually_double(self) -> bool:
+        return self.fidelity.cells >= REFERENCE.cells
 
     @property
     def alternatives(self) -> tuple[Engine, ...]:
         """Other ways to advance it, for study. MuJoCo's own steps know no motors, bonds, bowls and cuts of ours."""
-        others = [engine for engine in _PRECISIONS if self.scene.continua and engine.double != self.double]
+        others = [e for e in _PRECISIONS if self.scene.continua and e.double != self._usually_double]
         if not self.constrained:
-            return (*_INTEGRATORS, *others)
+            return (*(_INTEGRATORS if self.model.nv else ()), *others)
         joined, touching = self.joined, bool(self.pairs)
         if joined.motors or joined.bonds or joined.cups or self.scene.cuts or self.scene.continua:
             return tuple(others)
