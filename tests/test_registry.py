@@ -51,6 +51,20 @@ def test_what_is_read_is_what_is_run(index: int) -> None:
 
 
 @each
+def test_every_other_engine_that_is_offered_can_be_had(index: int) -> None:
+    specimen = phenomenon(index).make()
+    matter = bool(build(specimen).continua)
+    for fidelity in (DRAFT, REFERENCE) if matter else (DRAFT,):
+        offered = compile(specimen, build(specimen), fidelity).alternatives
+        assert len({engine.name for engine in offered}) == len(offered)
+        for engine in offered:
+            made = compile(specimen, build(specimen), fidelity, engine)
+            assert made.alternatives == offered
+            assert made.double is (matter and fidelity is DRAFT)
+        assert offered or not matter
+
+
+@each
 def test_nominal_values_lie_inside_their_ranges(index: int) -> None:
     cls = phenomenon(index)
     specimen = cls.make()
