@@ -215,9 +215,19 @@ def test_the_command_writes_what_it_found(
     assert table == json.loads(files["table"].read_text())
     assert list(table) == ["33"]
     assert files["csv"].read_text().count("\n") == 1 + len(SHORT) * len(phenomenon(33).laws())
-    assert "## 33 FixedPlanarRedirect" in files["report"].read_text()
+    assert "## 33 FixedPlanarRedirect\n\n| steps |" in files["report"].read_text()
     (plot,) = (tmp_path / "plots").iterdir()
     assert plot.stat().st_size > 10_000
+
+
+def test_the_page_tells_where_fewer_specimens_were_tried() -> None:
+    table = {index: fidelity.measured("trade")[index] for index in ("33", "46")}
+    for setting in table["33"]["settings"]:
+        setting["specimens"] = 2
+    text = trade.page(table)
+    assert "largest of 9 specimens each" in text
+    assert "## 33 FixedPlanarRedirect\n\nSpecimens: 2.\n" in text
+    assert text.count("Specimens:") == 1
 
 
 def test_laws_are_held_to_the_tolerance_that_was_asked_for() -> None:
