@@ -151,6 +151,11 @@ def figure(value: float | None, form: str) -> str:
     return "nan" if value is None else format(value, form)
 
 
+def error_figure(value: float | None) -> str:
+    """An error in a table: a dash where there is none; one without end is 1e300, as JSON knows no infinity."""
+    return "-" if value is None else "∞" if value >= 1e300 else f"{value:.1e}"
+
+
 def say_trade(table_: Mapping[str, Any]) -> None:
     """Error against cost, as `trade.tabulate` gives it: one block for each phenomenon."""
     for index, entry in table_.items():
@@ -159,7 +164,7 @@ def say_trade(table_: Mapping[str, Any]) -> None:
         rows = table("largest error", *heads, "order", right=[*heads, "order"])
         rows.add_row("cost", *(figure(s["cost"], ".2g") for s in settings), "")
         for law, slope in entry["orders"].items():
-            errors = ("-" if s["laws"][law] is None else f"{s['laws'][law]:.1e}" for s in settings)
+            errors = (error_figure(s["laws"][law]) for s in settings)
             rows.add_row(law, *errors, "-" if slope is None else f"{slope:.1f}")
         say(f"{index} {entry['label']}", rows)
 

@@ -30,7 +30,7 @@ from .checks import journal
 from .fidelity import DRAFT, SAFETY, Fidelity
 from .registry import phenomenon
 from .simulate import OURS, Engine, UnstableScene, build, compile, simulate_specimen
-from .terminal import figure
+from .terminal import error_figure, figure
 
 Record: TypeAlias = dict[str, Any]
 """What came of one specimen at one setting, as JSON values: see `climb`."""
@@ -392,7 +392,7 @@ def page(table: Mapping[str, Any]) -> str:
             cost, s = min(enough, key=lambda pair: pair[0]) if enough else (None, None)
             cells.append(f"{s['cells' if entry['grid'] else 'steps']}: {cost:.2g}" if s else "-")
         best = min((SAFETY * error for _, error, _ in known), default=None)
-        lines.append(f"| {index} {entry['label']} | {' | '.join(cells)} | {figure(best, '.1e')} |")
+        lines.append(f"| {index} {entry['label']} | {' | '.join(cells)} | {error_figure(best)} |")
     for index, entry in table.items():
         settings = entry["settings"]
         lines += ["", f"## {index} {entry['label']}", ""]
@@ -404,7 +404,7 @@ def page(table: Mapping[str, Any]) -> str:
         if any(s["broken"] for s in settings):
             lines.append("| specimens refused or unstable | " + " | ".join(str(s["broken"]) for s in settings) + " | |")
         for law, slope in entry["orders"].items():
-            errors = " | ".join("-" if s["laws"][law] is None else f"{s['laws'][law]:.1e}" for s in settings)
+            errors = " | ".join(error_figure(s["laws"][law]) for s in settings)
             lines.append(f"| {law.replace('_', ' ')} | {errors} | {'-' if slope is None else f'{slope:.1f}'} |")
         if entry["path_order"] is not None:
             slope = entry["path_order"]
@@ -415,7 +415,7 @@ def page(table: Mapping[str, Any]) -> str:
         for other in entry["engines"]:
             errors_ = {law: e for law, e in other["errors"].items() if e is not None}
             law = max(errors_, key=lambda name: errors_[name]) if errors_ else ""
-            found = f"{errors_[law]:.1e}" if errors_ else other["outcome"]
+            found = error_figure(errors_[law]) if errors_ else other["outcome"]
             lines.append(f"| {other['engine']} | {other['steps']} | {figure(other['cost'], '.2g')} | {found} | "
                          f"{law.replace('_', ' ')} |")  # fmt: skip
     return "\n".join(lines) + "\n"

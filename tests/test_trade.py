@@ -224,10 +224,13 @@ def test_the_page_tells_where_fewer_specimens_were_tried() -> None:
     table = {index: fidelity.measured("trade")[index] for index in ("33", "46")}
     for setting in table["33"]["settings"]:
         setting["specimens"] = 2
+        setting["laws"] = dict.fromkeys(setting["laws"], 1e300)
     text = trade.page(table)
     assert "largest of 9 specimens each" in text
     assert "## 33 FixedPlanarRedirect\n\nSpecimens: 2.\n" in text
     assert text.count("Specimens:") == 1
+    assert "| ∞ | ∞ |" in text
+    assert "e+300" not in text
 
 
 def test_laws_are_held_to_the_tolerance_that_was_asked_for() -> None:
