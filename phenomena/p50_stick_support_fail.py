@@ -332,7 +332,8 @@ class StickSupportFail(Phenomenon, domain="mechanics"):
 
         def gives_way(load: float) -> bool:
             one = run.again(trigger="overload", sticks=2, strength=critical / load)
-            return bool(one.position("board/block")[-1, 2] < one.position("board/block")[0, 2] - 0.05)
+            # rough halves may wedge and hold the board up again, a little lower
+            return bool(one.position("board/block")[-1, 2] < one.position("board/block")[0, 2] - 1e-3)
 
         return threshold(gives_way, 1.0, spread=MARGIN, resolution=2 * MARGIN), 1.0
 
