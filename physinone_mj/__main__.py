@@ -421,9 +421,19 @@ def write_tables(
     """Those that were asked for, with what the table said before of other phenomena."""
     table = dict(sorted((before | table).items(), key=lambda entry: int(entry[0])))
     if table_file:
-        table_file.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        put_in_place(table_file, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
     if report:
-        report.write_text(page(table), encoding="utf-8")
+        put_in_place(report, page(table))
+
+
+def put_in_place(file: Path, text: str) -> None:
+    """Write a file whole or not at all: what it held took hours to measure, and the disk may be full."""
+    partial = file.with_name(f".{file.name}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(file)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def complain_of(problems: Sequence[str]) -> None:

@@ -45,7 +45,7 @@ from .registry import phenomenon
 from .run import Run
 from .scene import Scene
 from .simulate import UnstableScene, build, compile, simulate_specimen
-from .terminal import figure, span
+from .terminal import ENDLESS, figure, span
 
 Record: TypeAlias = dict[str, Any]
 """What came of a task, as JSON values."""
@@ -87,8 +87,6 @@ _CANDIDATES: Final = 20
 _MEMORY: Final = 64
 _DRAWS: Final = 200
 _CONTEXTS: Final = 20
-_ENDLESS: Final = 1e300
-"""JSON knows no infinity; an error that has none is worse than any tolerance."""
 
 OUTCOMES: Final = ("sound", "refused", "broken", "unstable", "crashed", "unfinished")
 DEFECTS: Final = ("broken", "unstable", "crashed")
@@ -257,7 +255,7 @@ def _judged(what: Phenomenon, run: Run) -> Record:
 
 
 def _finite(value: float) -> float:
-    return float(value) if math.isfinite(value) else _ENDLESS
+    return float(value) if math.isfinite(value) else ENDLESS
 
 
 def _wrong(what: str, error: float, tolerance: float, unit: str | None = None) -> Record:

@@ -151,9 +151,13 @@ def figure(value: float | None, form: str) -> str:
     return "nan" if value is None else format(value, form)
 
 
+ENDLESS: Final = 1e300
+"""An error that has no end, as records have it: JSON knows no infinity, and it is worse than any tolerance."""
+
+
 def error_figure(value: float | None) -> str:
-    """An error in a table: a dash where there is none; one without end is 1e300, as JSON knows no infinity."""
-    return "-" if value is None else "∞" if value >= 1e300 else f"{value:.1e}"
+    """An error in a table: a dash where there is none."""
+    return "-" if value is None else "∞" if value >= ENDLESS else f"{value:.1e}"
 
 
 def say_trade(table_: Mapping[str, Any]) -> None:

@@ -30,7 +30,7 @@ from .checks import journal
 from .fidelity import DRAFT, SAFETY, Fidelity
 from .registry import phenomenon
 from .simulate import OURS, Engine, UnstableScene, build, compile, simulate_specimen
-from .terminal import error_figure, figure
+from .terminal import ENDLESS, error_figure, figure
 
 Record: TypeAlias = dict[str, Any]
 """What came of one specimen at one setting, as JSON values: see `climb`."""
@@ -121,8 +121,7 @@ def attempt(what: Phenomenon, setting: Fidelity, engine: Engine = OURS) -> Recor
             # another engine may not record what a law reads: impacts, loads
             errors[law.name], silent[law.name] = None, f"{type(why).__name__}: {why}"
         else:
-            # JSON knows no infinity; what has none is worse than any tolerance
-            errors[law.name] = error if math.isfinite(error) else 1e300
+            errors[law.name] = error if math.isfinite(error) else ENDLESS
     return record | {"errors": errors, "silent": silent}
 
 
@@ -184,7 +183,7 @@ def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | 
     release or a rope that goes taut, errors jump about their trend: hence all of it.
     """
     apart = dict(zip(fineness, errors, strict=True))
-    known = [(n, e) for n, e in sorted(apart.items()) if e is not None and FLOOR < e < 1e300]
+    known = [(n, e) for n, e in sorted(apart.items()) if e is not None and FLOOR < e < ENDLESS]
     best: list[tuple[float, float]] = []
     for start in range(len(known)):
         part = [known[start]]
@@ -319,7 +318,7 @@ def plot(entry: Mapping[str, Any], path: Path) -> None:
     ours = [(s["cost"], w) for s in settings if (w := worst(s)) is not None]
     others = [
         (e["cost"], max(errors), e["engine"]) for e in entry["engines"]
-        if e["cost"] and (errors := [x for x in e["errors"].values() if x is not None and 0 < x < 1e300])
+        if e["cost"] and (errors := [x for x in e["errors"].values() if x is not None and 0 < x < ENDLESS])
     ]  # fmt: skip
     marks = itertools.cycle("sD^v<>pX*")
     for name, group in itertools.groupby(sorted(others, key=lambda o: o[2]), key=lambda o: o[2]):

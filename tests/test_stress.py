@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from physinone_mj import __version__, checks, fidelity, registry, stress
-from physinone_mj.__main__ import main
+from physinone_mj.__main__ import main, write_tables
 from physinone_mj.base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
@@ -530,6 +530,21 @@ def test_what_is_no_table_is_not_replaced(content: str, tmp_path: Path, capfd: p
     assert f"--table {table}: not a table by index" in capfd.readouterr().err
     assert table.read_text(encoding="utf-8") == content
     assert not (tmp_path / "records").exists()
+
+
+def test_no_room_on_the_disk_leaves_the_table_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "table.json"
+    table.write_text("{}", encoding="utf-8")
+
+    def half(path: Path, text: str, **_: Any) -> int:
+        path.write_bytes(text.encode()[: len(text) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", half)
+    with pytest.raises(OSError, match="No space left"):
+        write_tables({}, {"46": {}}, lambda _: "", table, None)
+    assert table.read_text(encoding="utf-8") == "{}"
+    assert list(tmp_path.iterdir()) == [table]
 
 
 def test_nothing_is_shown_of_what_was_not_measured(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import sys
@@ -221,7 +222,7 @@ def test_the_command_writes_what_it_found(
 
 
 def test_the_page_tells_where_fewer_specimens_were_tried() -> None:
-    table = {index: fidelity.measured("trade")[index] for index in ("33", "46")}
+    table = copy.deepcopy({index: fidelity.measured("trade")[index] for index in ("33", "46")})  # it is kept
     for setting in table["33"]["settings"]:
         setting["specimens"] = 2
         setting["laws"] = dict.fromkeys(setting["laws"], 1e300)

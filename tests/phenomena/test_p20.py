@@ -126,3 +126,11 @@ def test_random_specimens() -> None:
 def test_many_random_specimens() -> None:
     decided = judge_random(AccelSurfaceSpin, count=25, seed=4)
     assert min(decided.values()) >= 1
+
+
+def test_the_first_slip_trails_and_does_not_lead() -> None:
+    name = "first_slip_is_outwards_and_trailing"
+    run = nominal(20, DRAFT)
+    assert law(run, name) == "passed"
+    slow = turn(blocks=4, first=5.4852, rate=0.1472, top=6.5988, radius=0.3805, friction=0.6598)
+    assert law(slow, name) == "not evaluated"

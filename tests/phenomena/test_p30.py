@@ -221,3 +221,11 @@ def test_random_specimens() -> None:
 @pytest.mark.slow
 def test_more_random_specimens() -> None:
     assert min(judge_random(BalloonFloat, 25).values()) >= 6
+
+
+def test_a_scale_that_still_creeps_is_not_read() -> None:
+    """Overdamped, it has gone all but 1e-7 of the way when it moves by 7 nm/s."""
+    run = rise(air=1.0125)
+    verdict = run.specimen.laws()[SCALE].judge(run.specimen, run)
+    assert verdict.verdict == "not evaluated"
+    assert "to go; needed: 1e-10 of what it reads" in str(verdict.reason)

@@ -124,3 +124,13 @@ def test_random_specimens() -> None:
 @pytest.mark.slow
 def test_the_laws_of_random_specimens() -> None:
     assert judge_random(StickSupportFail, 10)["energy_only_falls"]
+
+
+def test_rough_halves_may_wedge_and_still_have_given_way() -> None:
+    rough = simulate_specimen(
+        StickSupportFail.make(
+            trigger="overload", length=1.524, height=0.353, sticks=2, inset=0.196, density=407.6, load=7.57,
+            place=-0.1706, friction=0.841, strength=20.41,
+        ), fidelity=DRAFT,
+    )  # fmt: skip
+    assert verdict(rough, "an_overloaded_stick_gives_way") == "passed"
