@@ -129,8 +129,10 @@ def test_the_laws_of_random_specimens() -> None:
 def test_rough_halves_may_wedge_and_still_have_given_way() -> None:
     rough = simulate_specimen(
         StickSupportFail.make(
-            trigger="overload", length=1.524, height=0.353, sticks=2, inset=0.196, density=407.6, load=7.57,
-            place=-0.1706, friction=0.841, strength=20.41,
+            trigger="overload", sticks=4, length=1.5244555754592648, height=0.3527149424042902,
+            inset=0.19600822520330327, density=407.62537536385906, load=7.570366416015886,
+            place=-0.17059618374273544, friction=0.8413861286337181, strength=20.411427982441385,
+            speed=2.8554132557448018,
         ), fidelity=DRAFT,
     )  # fmt: skip
     assert verdict(rough, "an_overloaded_stick_gives_way") == "passed"
