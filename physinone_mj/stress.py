@@ -11,6 +11,9 @@ Four kinds of work, each a `Task` of its own, so that they go to processes and a
     frontier  one end of one parameter's range, pushed outwards until it ends; the others nominal
     case      a set-up of CASES, with what is expected of it
     unused    whether the scene or a law depends on every parameter at all
+
+Laws of matter mostly ask for laboratories, runs of their own of minutes each: of a scene with matter, what needs one is
+left undecided here, and said so (`silent`).
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -37,7 +40,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from . import collision
-from .base import Choice, Param, ParameterError, Phenomenon, Refusal
+from .base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal
 from .checks import journal
 from .effects import Buoyancy, Drag, Magnets
 from .fidelity import DRAFT, Fidelity
@@ -199,6 +202,8 @@ def examine(what: Phenomenon, fidelity: Fidelity, limit: float = LIMIT) -> Recor
     try:
         with _no_longer_than(limit):
             run = simulate_specimen(what, fidelity=fidelity)
+            if run.scene.continua:
+                run = replace(run, again_with=_undecided)
             found = _judged(what, run)
     except Refusal as why:
         found = {"outcome": "refused", "rule": why.rule, "line": str(why)}
@@ -211,6 +216,10 @@ def examine(what: Phenomenon, fidelity: Fidelity, limit: float = LIMIT) -> Recor
         found = {"outcome": "refused", "rule": "model"} if refused else {"outcome": "crashed"}
         found |= {"line": _line(why)}
     return record | found | {"seconds": time.process_time() - begun}
+
+
+def _undecided(**changes: Any) -> Run:
+    raise NotEvaluated(f"asks for a run with {', '.join(f'{name} = {value}' for name, value in changes.items())}")
 
 
 def _judged(what: Phenomenon, run: Run) -> Record:
@@ -596,7 +605,8 @@ def _table(cls: type[Phenomenon], records: Sequence[tuple[str, Record]]) -> dict
         "outcomes": {outcome: sum(r["outcome"] == outcome for r in specimens) for outcome in OUTCOMES},
         "rules": dict(sorted(Counter(r["rule"] for r in specimens if r["outcome"] == "refused").items())),
         "worst": worst and worst[::-1],
-        "silent": dict(Counter(law for r in judged for law in r["silent"])),
+        "silent": (silent := dict(Counter(law for r in judged for law in r["silent"]))),
+        "undecided": [law for law, times in silent.items() if times == len(judged)],
         "energy": max((r["energy"] for r in judged if r["energy"] is not None), default=None),
         "unjudged": sorted({r["unjudged"] for r in judged if r["unjudged"]}),
         "overlap": max((r["overlap"] for r in judged), default=None),
@@ -658,6 +668,9 @@ def page(table: Mapping[str, Any]) -> str:
         lines += [f"- **{wrong}**" for wrong in entry["wrong"]] + [""] * bool(entry["wrong"])
         if entry["rules"]:
             lines += ["Refused: " + ", ".join(f"{count} by {rule}" for rule, count in entry["rules"].items()) + ".", ""]
+        if entry.get("undecided"):
+            laws = ", ".join(law.replace("_", " ") for law in entry["undecided"])
+            lines += [f"Decided by none of these runs: {laws}.", ""]
         if entry.get("eased"):
             eased = ", ".join(f"{count} {how}" for how, count in entry["eased"].items())
             lines += [f"Contact problems that could not be solved as they were: {eased}.", ""]

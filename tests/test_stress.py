@@ -23,7 +23,7 @@ from physinone_mj.base import Choice, NotEvaluated, Param, ParameterError, Pheno
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
 from physinone_mj.effects import Magnets
-from physinone_mj.fidelity import DRAFT, STANDARD
+from physinone_mj.fidelity import DRAFT, STANDARD, Fidelity
 from physinone_mj.registry import phenomenon
 from physinone_mj.run import Run
 from physinone_mj.scene import Motor, Scene, free_pose
@@ -306,6 +306,31 @@ def test_what_cannot_be_decided_is_no_failure(why: Exception) -> None:
     assert record["outcome"] == "sound"
     assert record["laws"] == {}
     assert list(record["silent"]) == ["asks"]
+
+
+def test_laboratories_of_matter_are_left_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that asks for another run is judged of a scene without matter, and of one with matter not."""
+    asked: list[dict[str, Any]] = []
+    again = Run.again
+
+    def counted(self: Run, **changes: Any) -> Run:
+        asked.append(changes)
+        return again(self, **changes)
+
+    def twice(self: Any, run: Run) -> Any:
+        return run.again(mass=1.0).t[-1], run.t[-1]
+
+    monkeypatch.setattr(Run, "again", counted)
+    twin = law("t = t", source="a test", within=(1.0, 1.0, 1.0))
+    assert "twice" in examined(other(falls_with_g=twin(twice))())["laws"]
+    matter = phenomenon(67).make(drop=0.1)
+    record = stress.examine(matter, Fidelity("coarse", 8, 6, 1))
+    assert record["laws"] and set(record["laws"]) | set(record["silent"]) == set(matter.laws())
+    labs = {name: why for name, why in record["silent"].items() if why.startswith("asks for a run with setup = ")}
+    assert 0 < len(labs) <= len(asked) - 1
+    entry = next(iter(stress.tabulate({("specimen", 67, "draft", ""): record}).values()))
+    assert set(labs) <= set(entry["undecided"])
+    assert "Decided by none of these runs: " + next(iter(labs)).replace("_", " ") in stress.page({"67": entry})
 
 
 def test_nobody_waits_for_ever() -> None:
