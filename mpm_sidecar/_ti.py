@@ -37,9 +37,12 @@ def start(double: bool, **options: Any) -> Any:
     real = ti.f64 if double else ti.f32
     if _running != [real]:
         before = _tasks()
-        # Taichi's own data-flow analysis takes as long as all else in compiling; LLVM's does the same
+        # Taichi's own data-flow analysis takes as long as all else in compiling; LLVM's does the same. And where sums
+        # may be put in another order, each of a node's four numbers gets one of its own, and no four go together
         with contextlib.redirect_stdout(io.StringIO()):
-            ti.init(arch=ti.cpu, default_fp=real, log_level=ti.ERROR, cfg_optimization=False, **options)
+            ti.init(
+                arch=ti.cpu, default_fp=real, log_level=ti.ERROR, cfg_optimization=False, fast_math=False, **options
+            )
         _settle(sorted(_tasks() - before))
         for forget in _made:
             forget()

@@ -11,8 +11,7 @@ c in closed form, a function of c is its Newton interpolation polynomial
 
     f(c) = f(e₀) I + f[e₀,e₁] (c - e₀ I) + f[e₀,e₁,e₂] (c - e₀ I)(c - e₁ I)
 
-with divided differences that do not cancel: log1p(z)/z and expm1(y)/y are series near zero (compensated forms would be
-folded away by the compiler).
+with divided differences that do not cancel: log1p(z)/z and expm1(y)/y are series near zero.
 
 Literals are of Taichi's default precision: it has to be that of the law (`default_fp`).
 
