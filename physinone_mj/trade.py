@@ -414,7 +414,9 @@ def page(table: Mapping[str, Any]) -> str:
         for other in entry["engines"]:
             errors_ = {law: e for law, e in other["errors"].items() if e is not None}
             law = max(errors_, key=lambda name: errors_[name]) if errors_ else ""
-            found = error_figure(errors_[law]) if errors_ else other["outcome"]
-            lines.append(f"| {other['engine']} | {other['steps']} | {figure(other['cost'], '.2g')} | {found} | "
-                         f"{law.replace('_', ' ')} |")  # fmt: skip
+            # an engine that does not record what a law reads, impacts or loads, comes to its end undecided
+            ended = "undecided" if other["outcome"] == "done" else other["outcome"]
+            found = error_figure(errors_[law]) if errors_ else ended
+            cost = "-" if other["cost"] is None else figure(other["cost"], ".2g")
+            lines.append(f"| {other['engine']} | {other['steps']} | {cost} | {found} | {law.replace('_', ' ')} |")
     return "\n".join(lines) + "\n"

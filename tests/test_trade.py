@@ -234,6 +234,18 @@ def test_the_page_tells_where_fewer_specimens_were_tried() -> None:
     assert "e+300" not in text
 
 
+def test_the_page_tells_how_other_engines_ended() -> None:
+    table = copy.deepcopy({"46": fidelity.measured("trade")["46"]})
+    silent = dict.fromkeys(table["46"]["engines"][0]["errors"])
+    table["46"]["engines"] = [
+        {"engine": "without impacts", "steps": 64, "cells": 8, "outcome": "done", "cost": 0.02, "errors": silent},
+        {"engine": "wild", "steps": 64, "cells": 8, "outcome": "unstable", "cost": None, "errors": {}},
+    ]
+    text = trade.page(table)
+    assert "| without impacts | 64 | 0.02 | undecided |  |" in text
+    assert "| wild | 64 | - | unstable |  |" in text
+
+
 def test_laws_are_held_to_the_tolerance_that_was_asked_for() -> None:
     specimen = phenomenon(PENDULUM).make()
     coarse = Fidelity("coarse", 8, 8, 4)
