@@ -268,16 +268,16 @@ def _pouring(
     speed, volume = float(np.linalg.norm(velocity)), bodies[names.index(inlet.piece)].volume
     lasts = min(inlet.stop, duration) - inlet.start
     count = round(math.pi * inlet.radius**2 * speed * max(lasts, 0.0) / volume)
-    # the additive recurrence of the plastic number's powers fills a unit cube evenly (M. Roberts, 2018)
-    phi = 1.2207440846057596
-    u = (rng.random(3) + np.arange(1, count + 1)[:, None] * phi ** -np.arange(1.0, 4.0)) % 1.0
+    # one after the other, and the additive recurrence of the plastic number's powers (M. Roberts, 2018) spreads any
+    # that follow each other evenly over the round: however long and thin the jet is, a short piece of it is full
+    phi = 1.324717957244746
+    u = (rng.random(2) + np.arange(1, count + 1)[:, None] * phi ** -np.arange(1.0, 3.0)) % 1.0
     along = velocity / speed
     side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     side /= np.linalg.norm(side)
     r, angle = inlet.radius * np.sqrt(u[:, :1]), 2 * math.pi * u[:, 1:2]
     points = inlet.position + r * (np.cos(angle) * side + np.sin(angle) * np.cross(along, side))
-    order = np.argsort(u[:, 2], kind="stable")
-    return _Pouring(number, inlet.start + lasts * u[order, 2], points[order], velocity)
+    return _Pouring(number, inlet.start + lasts * (np.arange(count) + 0.5) / count, points, velocity)
 
 
 def numerical_viscosity(body: Body, cell: float) -> float:

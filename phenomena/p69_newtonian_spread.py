@@ -62,7 +62,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
                "slide on each other, a column at rest, a column that slumps in a tank"),
     ] = "drop"  # fmt: skip
     viscosity: Annotated[float, Param("Pa s", 25.0, 200.0, "μ; the dynamic viscosity is half of it")] = 120.0
-    bulk: Annotated[float, Param("Pa", 1e4, 1e6, "κ; the bulk modulus is sevenfold")] = 2.5e4
+    bulk: Annotated[float, Param("Pa", 1e4, 1e6, "κ; the bulk modulus is sevenfold")] = 4.5e4
     density: Annotated[float, Param("kg/m³", 800.0, 2000.0, "at rest")] = 1000.0
 
     @property

@@ -93,7 +93,7 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
     ] = "drop"  # fmt: skip
     yield_stress: Annotated[float, Param("Pa", 100.0, 10000.0, "τ_Y; the shear strength is τ_Y/√2")] = 400.0
     viscosity: Annotated[float, Param("Pa s", 3.0, 10.0, "η; half of it resists beyond the yield stress")] = 6.0
-    young: Annotated[float, Param("Pa", 1e4, 1e6, "modulus of what does not flow")] = 2e4
+    young: Annotated[float, Param("Pa", 1e4, 1e6, "modulus of what does not flow")] = 2.2e4
     poisson: Annotated[float, Param("1", 0.2, 0.4, "Poisson's ratio")] = 0.3
     density: Annotated[float, Param("kg/m³", 800.0, 2000.0, "at rest")] = 1000.0
 

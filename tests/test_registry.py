@@ -207,3 +207,12 @@ def test_interactable_objects_have_all_four_kinds_of_constraint() -> None:
     assert shown["linear motor"] >= {40}
     assert shown["linear limit"] >= {40}
     assert shown["angular limit"] >= {44}
+
+
+@pytest.mark.parametrize("index", [entry.index for entry in entries() if "setup" in phenomenon(entry.index).declarations()])
+def test_every_set_up_can_be_had_by_its_name(index: int) -> None:
+    """With everything else as it is, none is refused."""
+    cls = phenomenon(index)
+    for setup in cls.declarations()["setup"][0].words:
+        made = cls.make(setup=setup)
+        compile(made, build(made), DRAFT)

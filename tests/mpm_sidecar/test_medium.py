@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from mpm_sidecar import medium
+from mpm_sidecar.transfer import Body
 from physinone_mj.base import Param, Phenomenon, Refusal
 from physinone_mj.constants import STANDARD_GRAVITY
 from physinone_mj.contact import Surface
@@ -159,6 +161,25 @@ def test_the_same_seed_gives_the_same_bits() -> None:
     assert one.position.tobytes() == two.position.tobytes()
     assert one.centre.tobytes() == two.centre.tobytes()
     assert one.position.tobytes() != other.position.tobytes()
+
+
+@pytest.mark.parametrize("lasts", [0.1, 4.0])
+def test_a_jet_is_full_all_along(lasts: float) -> None:
+    """Of every piece as long as the jet is wide, the moment of area is a full circle's, and the middle its middle."""
+    radius, speed, spacing = 0.03, 1.5, 0.004
+    jet = Inlet("honey", (0.3, 0.0, 0.4), (0.0, 0.0, -speed), radius, stop=lasts)
+    points = np.zeros((1, 3))
+    body = Body(Newtonian(), points, spacing**3)
+    pouring = medium._pouring(jet, ["honey"], [body], 10.0, np.random.default_rng(0))
+    assert len(pouring.times) == pytest.approx(math.pi * radius**2 * speed * lasts / spacing**3, abs=1)
+    piece = np.floor(pouring.times * speed / (2 * radius)).astype(int)
+    full = piece < math.floor(lasts * speed / (2 * radius))
+    away = pouring.points - jet.position
+    assert np.abs(away[:, 2]).max() < 1e-12
+    for k in np.unique(piece[full]):
+        part = away[piece == k]
+        assert (part**2).sum(axis=1).mean() == pytest.approx(radius**2 / 2, rel=0.02)
+        assert np.abs(part.mean(axis=0)).max() < 0.02 * radius
 
 
 def test_an_inlet_pours_what_it_says() -> None:
