@@ -46,6 +46,8 @@ _DEEPEST: Final = 0.25
 _STIRRED: Final = 0.007
 """ν Δt/Δx² of the method's own viscosity where matter is stirred (Taylor-Green vortices of 32 to 64 cells at 0.1 to 0.5
 m/s: 0.004 to 0.010); where it flows in order it has far less, k² Δx⁴/40 Δt."""
+_SHUFFLED: Final = 48
+"""Particles of a jet of which any may come first."""
 _SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
 """Largest ρ g H/M of a piece at rest, M Young's modulus or 7 κ: beyond it its own weight squashes it (rule R9)."""
 
@@ -277,7 +279,8 @@ def _pouring(
     side /= np.linalg.norm(side)
     r, angle = inlet.radius * np.sqrt(u[:, :1]), 2 * math.pi * u[:, 1:2]
     points = inlet.position + r * (np.cos(angle) * side + np.sin(angle) * np.cross(along, side))
-    return _Pouring(number, inlet.start + lasts * (np.arange(count) + 0.5) / count, points, velocity)
+    order = np.lexsort([rng.random(count), np.arange(count) // _SHUFFLED])
+    return _Pouring(number, inlet.start + lasts * (np.arange(count) + 0.5) / count, points[order], velocity)
 
 
 def numerical_viscosity(body: Body, cell: float) -> float:
