@@ -145,6 +145,15 @@ def test_an_arm_that_falls_back_is_no_accident() -> None:
     assert run.specimen.arm_angle(run)[-1] < run.specimen.stop - 0.005
 
 
+def test_an_arm_that_falls_back_at_once_has_been_stopped() -> None:
+    """It is below its stop again at every sample, until it has swung up to it much later."""
+    run = catapult(preload=0.05)
+    angle, stopped = run.specimen.arm_angle(run), run.specimen.stopped(run)
+    first = int(np.argmax(stopped))
+    assert not (angle[first : first + 20] > run.specimen.stop - 1e-6).any()
+    assert failed(run) == []
+
+
 def test_extremes() -> None:
     assert not failed(catapult(drive="weight", weight=30.0, mass=0.05, short=0.1, long=0.4, arm=0.3))
 
