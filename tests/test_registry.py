@@ -209,7 +209,7 @@ def test_interactable_objects_have_all_four_kinds_of_constraint() -> None:
     assert shown["angular limit"] >= {44}
 
 
-@pytest.mark.parametrize("index", [entry.index for entry in entries() if "setup" in phenomenon(entry.index).declarations()])
+@pytest.mark.parametrize("index", [e.index for e in entries() if "setup" in phenomenon(e.index).declarations()])
 def test_every_set_up_can_be_had_by_its_name(index: int) -> None:
     """With everything else as it is, none is refused."""
     cls = phenomenon(index)

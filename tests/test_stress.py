@@ -325,7 +325,8 @@ def test_laboratories_of_matter_are_left_undecided(monkeypatch: pytest.MonkeyPat
     assert "twice" in examined(other(falls_with_g=twin(twice))())["laws"]
     matter = phenomenon(67).make(drop=0.1)
     record = stress.examine(matter, Fidelity("coarse", 8, 6, 1))
-    assert record["laws"] and set(record["laws"]) | set(record["silent"]) == set(matter.laws())
+    assert record["laws"]
+    assert set(record["laws"]) | set(record["silent"]) == set(matter.laws())
     labs = {name: why for name, why in record["silent"].items() if why.startswith("asks for a run with setup = ")}
     assert 0 < len(labs) <= len(asked) - 1
     entry = next(iter(stress.tabulate({("specimen", 67, "draft", ""): record}).values()))
