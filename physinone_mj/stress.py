@@ -87,6 +87,9 @@ FULL: Final = 16
 LIMIT: Final = 600.0
 """Processor time that a specimen may take with all the runs of its laws, unless told otherwise [s]."""
 
+BEYOND: Final = 100.0
+"""The same while a range is pushed outwards: what takes longer is of no use there [s]."""
+
 _CANDIDATES: Final = 20
 _MEMORY: Final = 64
 _DRAWS: Final = 200
@@ -430,7 +433,7 @@ def covering(sizes: Sequence[int], seed: int) -> list[tuple[int, ...]]:
     return rows
 
 
-def frontier(cls: type[Phenomenon], name: str, side: Side, fidelity: Fidelity, limit: float = LIMIT) -> Record:
+def frontier(cls: type[Phenomenon], name: str, side: Side, fidelity: Fidelity, limit: float = BEYOND) -> Record:
     """How far one parameter's range can be trusted on one side, the others nominal.
 
     From its end it is pushed outwards, by factors of two (an end that is not positive, by the range's width, doubled
