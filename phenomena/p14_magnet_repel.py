@@ -332,8 +332,8 @@ class MagnetRepel(Phenomenon, domain="magnetism"):
 
     @law("E = const. till they snap", source="Landau & Lifshitz, Mechanics, §6 (energy)", within=(2e-3, 1e-4, 1e-5))
     def turning_round_costs_nothing(self, run: Run) -> Measurement:
-        """14e: energy of one that lies loose on a smooth table, over the magnetic energy of the start, and it turns;
-        till unlike poles are within six softening lengths."""
+        """14e: energy of one that lies loose on a smooth table, over the magnetic energy of the start or the most that
+        it moves with, and it turns; till unlike poles are within six softening lengths."""
         specimen, one = self.twin(run, place="table", friction=0.0, turned=max(self.turned, 0.3))
         if cosh(sqrt(specimen.turning_rate_squared) * one.t[-1]) < 3:
             raise NotEvaluated(f"strength = {self.strength:.2g} N m² hardly turns it in {one.t[-1]:.2g} s")
@@ -345,7 +345,8 @@ class MagnetRepel(Phenomenon, domain="magnetism"):
         energy, turned = specimen.bars.energy(one)[apart], specimen.out_of_line(one)[apart]
         if len(turned) < 5 or turned.max() < 1.2 * specimen.turned:
             return np.nan, 1.0  # frozen: no free magnet stays as it is
-        scale = float(specimen.bars.well(self.gap))
+        # from far away they fall into a well that is far deeper than where they began
+        scale = max(float(specimen.bars.well(self.gap)), float(one.motion.kinetic[apart].max()))
         return 1 + (energy - energy[0]) / scale, np.ones(len(energy))
 
     @law("φ = φ₀ cosh λ t, λ² = k ℓ |B|/I", source="Earnshaw, Trans. Camb. Phil. Soc. 7 (1842) 97: nothing stays",
