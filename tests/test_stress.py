@@ -334,6 +334,16 @@ def test_laboratories_of_matter_are_left_undecided(monkeypatch: pytest.MonkeyPat
     assert "Decided by none of these runs: " + next(iter(labs)).replace("_", " ") in stress.page({"67": entry})
 
 
+def test_the_page_tells_what_was_tried_at_another_fidelity() -> None:
+    kept = fidelity.measured("stability")
+    table = {index: dict(kept[index]) for index in ("1", "2", "46")}
+    table["46"]["fidelity"] = "draft"
+    text = stress.page(table)
+    assert "at standard fidelity, unless another stands there" in text
+    assert text.count("Specimens at ") == 1
+    assert "## 46 SimplePendulum\n\nSpecimens at draft fidelity.\n" in text
+
+
 def test_nobody_waits_for_ever() -> None:
     record = examined(Bounce(), limit=0.005)
     assert record["outcome"] == "unfinished"
