@@ -653,7 +653,8 @@ def page(table: Mapping[str, Any]) -> str:
         "combinations that say so before they start; broken, unstable and crashed ones would be defects. The worst law "
         "is the one with the largest error over its tolerance. Energy: its largest rise over the scene's; a dash where "
         "work is done that nobody accounts for. Overlap: of two surfaces, over the smaller's radius; allowed: "
-        f"{OVERLAP[1]:g} (at draft {OVERLAP[0]:g}), and in a crowd, where many impacts come at once, {CROWDED[1]:g} ({CROWDED[0]:g}).", "",
+        f"{OVERLAP[1]:g} (at draft {OVERLAP[0]:g}), and in a crowd, where many impacts come at once, {CROWDED[1]:g} "
+        f"({CROWDED[0]:g}).", "",
         "| phenomenon | specimens | " + " | ".join(OUTCOMES) + " | worst law | energy | overlap | in a crowd |",
         "|---" * (len(OUTCOMES) + 6) + "|",
     ]  # fmt: skip
