@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -17,7 +18,7 @@ import pytest
 
 from physinone_mj.base import Choice, Param, ParameterError, Phenomenon, Refusal
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.contact import Surface
+from physinone_mj.contact import Solver, Surface
 from physinone_mj.fidelity import DRAFT, STANDARD, Fidelity
 from physinone_mj.scene import Scene, free_pose
 from physinone_mj.simulate import Stepper, UnstableScene, build, compile, simulate, simulate_specimen
@@ -226,3 +227,17 @@ def test_the_clock_of_a_sample_does_not_depend_on_the_steps() -> None:
 def test_a_zero_resolution_is_a_bug_in_the_phenomenon() -> None:
     with pytest.raises(ValueError, match=r"time = 0; allowed: positive and finite"):
         Scene().resolve(time=0, length=1, duration=1)
+
+
+def test_impacts_that_lead_nowhere_are_left_to_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A heap that is wedged: every impact is tried, none moves anything apart. The step goes on, and nothing sinks."""
+    tried: list[float] = []
+    monkeypatch.setattr(Solver, "crowd", lambda self, data: True)
+    monkeypatch.setattr(Solver, "impact", lambda self, data: tried.append(data.time))
+    run = simulate(10, fidelity=DRAFT, count=1)
+    ball = run.position("ball0/ball")[:, 2]
+    assert set(Counter(tried).values()) == {32}
+    assert ball.min() > 0.99 * run.specimen.radius
+    monkeypatch.setattr(sys.modules["physinone_mj.simulate"], "_STUCK", 10**6)
+    with pytest.raises(UnstableScene, match="impacts within one step"):
+        simulate(10, fidelity=DRAFT, count=1)
