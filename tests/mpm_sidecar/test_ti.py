@@ -29,6 +29,30 @@ def test_a_first_compilation_is_known_by_its_mark(tmp_path: Path, monkeypatch: p
     assert [compiles("Elastic"), compiles("Elastic")] == [True, True]
 
 
+ROUNDED = """
+from mpm_sidecar._ti import start, ti
+
+start(False)
+
+@ti.kernel
+def rounded(x: ti.f32, y: ti.f32) -> ti.f32:
+    return (x + y) - x - y
+
+print(rounded(1.0, 1e-9))
+"""
+
+
+def test_sums_keep_their_order(tmp_path: Path) -> None:
+    """1e-9 is lost beside 1, unless sums are put in an order in which nothing is."""
+    script = tmp_path / "rounded.py"
+    script.write_text(ROUNDED)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2]), "TI_OFFLINE_CACHE": "0"}
+    said = subprocess.run(
+        [sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert float(said.split()[-1]) == pytest.approx(-1e-9)
+
+
 BUSY = """
 import json, os, sys
 from pathlib import Path

@@ -11,7 +11,7 @@ import pytest
 from phenomena.bowls import centre, polar, ridden_angle
 from phenomena.p18_accel_concave_spin import BALL, CUBE, AccelConcaveSpin
 from phenomena.spins import azimuth
-from physinone_mj.base import Refusal
+from physinone_mj.base import NotEvaluated, Refusal
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
 from physinone_mj.simulate import simulate_specimen
@@ -95,6 +95,13 @@ def test_an_abrupt_start_leaves_the_cube_behind() -> None:
     soon = run.t < 0.1
     turned = run.joint("bowl/hinge")[soon][-1]
     assert (azimuth(run, CUBE) - azimuth(run, CUBE)[0])[soon][-1] < 0.75 * turned
+
+
+def test_a_cube_that_its_weight_all_but_moves_is_not_judged() -> None:
+    """It would slip down, and stay behind by nothing; the law is that of one that stays behind."""
+    law = AccelConcaveSpin.laws()["too_quick_a_start_leaves_it_behind"]
+    with pytest.raises(NotEvaluated, match="its weight alone all but moves the cube"):
+        law.measure(AccelConcaveSpin.make(friction=0.1395, angle=0.1329), nominal(18, DRAFT))
 
 
 def test_a_bowl_that_stops_lets_the_cube_slide_back_and_rest() -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from phenomena.p50_stick_support_fail import StickSupportFail
-from physinone_mj.base import Refusal
+from physinone_mj.base import NotEvaluated, Refusal
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.fidelity import DRAFT
+from physinone_mj.fidelity import DRAFT, STANDARD
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene
 from physinone_mj.simulate import simulate, simulate_specimen
@@ -136,3 +136,24 @@ def test_rough_halves_may_wedge_and_still_have_given_way() -> None:
         ), fidelity=DRAFT,
     )  # fmt: skip
     assert verdict(rough, "an_overloaded_stick_gives_way") == "passed"
+
+
+def test_halves_that_wedge_at_once_have_given_way() -> None:
+    """They let the board down by a twentieth of a millimetre."""
+    rough = simulate_specimen(StickSupportFail.make(
+        trigger="overload", sticks=4, length=1.6, height=0.3, inset=0.2, density=2000.0, load=0.0, place=-0.8,
+        friction=0.9, strength=1.0, speed=6.0,
+    ), fidelity=DRAFT)  # fmt: skip
+    assert verdict(rough, "an_overloaded_stick_gives_way") == "passed"
+
+
+def test_a_board_leans_on_its_springs() -> None:
+    """By that much the sticks share otherwise than level ones would; where it leans far, friction has a say."""
+    law = StickSupportFail.laws()["two_sticks_share_the_weight"]
+    leaning = StickSupportFail.make(trigger="none", sticks=2, length=0.8, height=0.8, inset=0.1, load=8.0, place=0.2)
+    measured, expected = law.measure(leaning, simulate_specimen(leaning, fidelity=STANDARD))
+    level = np.array(leaning.shares)
+    assert np.abs(expected - level).max() > 4 * np.abs(measured - expected).max()
+    far = StickSupportFail.make(trigger="none", sticks=2, length=0.5, inset=0.2, load=8.0, place=-0.8)
+    with pytest.raises(NotEvaluated, match=r"leans by 0\.0\d+ rad; needed: 0\.005 rad or less"):
+        law.measure(far, simulate_specimen(far, fidelity=STANDARD))
