@@ -865,7 +865,8 @@ class Solver:
         self.look(data, dt)
         met = data.contact.dist < 0.5 * self._speed * -dt
         if crowded and deepest < math.inf:
-            overlap = np.minimum(-data.contact.dist, 0.5 * dt * -self._speed)
+            coming, gap = 0.5 * dt * -self._speed, data.contact.dist
+            overlap = np.where(gap < 0, np.minimum(-gap, coming), coming - gap)
             if (overlap > deepest * self._size[data.contact.geom].min(axis=1)).any():
                 return False
         self._solve(data, dt, crowded=crowded)

@@ -67,10 +67,13 @@ STANDARD 4e-4 of the same."""
 CROWDED: Final = (0.2, 0.05, 0.05)
 """The same in a crowd, at DRAFT, STANDARD and REFERENCE. More impacts in a step than the engine takes one by one
 (`simulate`), it takes all at once, and what meets in that step overlaps by some of its way. Seen in a wall struck by a
-ball: 0.1 at DRAFT, 6e-5 at STANDARD."""
+ball: 0.1 at DRAFT, 6e-5 at STANDARD; in a heap of sixty shards 0.02 at both."""
 
 CROWD: Final = 4
 """More impacts than this make a crowd of the `_MEMORY` steps that follow, in which overlaps are taken back."""
+
+HEAP: Final = 32
+"""So do more contacts than this: of these the engine takes the first impact for one of many."""
 
 PACE: Final = 2.0
 """A body may be farther than a sample before by no more than this times its greatest speed explains."""
@@ -326,31 +329,32 @@ def gained(run: Run) -> float:
 
 def deepest(run: Run) -> tuple[tuple[float, str], tuple[float, str]]:
     """Deepest overlap of two surfaces at the video frames, over the bounding radius of the smaller, and whose it is:
-    while impacts come one by one, and in a crowd.
+    while impacts come one by one, and in a crowd or heap.
 
     Of what a bond still holds together nothing overlaps; bowls are not looked into.
     """
     worst = [(0.0, ""), (0.0, "")]
     impacts = np.array([impact.time for impact in run.impacts])
     model = copy.copy(run.model)
-    model.pair_margin[:] = model.pair_gap[:] = 0.0  # the solver looks ahead
+    # the solver looks ahead; here only what all but touches is counted
+    model.pair_margin[:], model.pair_gap[:] = SLACK * run.scene.length, 0.0
     size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)
     data, broken, whole = mujoco.MjData(model), -1, np.arange(model.nbody)
-    upright = collision.on_planes(model)
+    upright, deepen = collision.on_planes(model), bool(collision.thinned(model).any())
     for i in range(0, len(run), run.stride) if model.npair else ():
         data.qpos[:] = run.qpos[i]
         mujoco.mj_kinematics(model, data)
-        collision.collide(model, data, upright)
+        collision.collide(model, data, upright, deepen=deepen)
         if not data.ncon:
             continue
         if run.scene.bonds and (now := sum(b.time <= run.t[i] for b in run.breaks)) != broken:
             broken, whole = now, _wholes(run, {b.weld for b in run.breaks if b.time <= run.t[i]})
         geoms = data.contact.geom
         ends = whole[model.geom_bodyid[geoms]]
-        overlap = np.where(ends[:, 0] == ends[:, 1], 0.0, -data.contact.dist / size[geoms].min(axis=1))
+        overlap = np.where(ends[:, 0] == ends[:, 1], 0.0, np.maximum(-data.contact.dist, 0.0) / size[geoms].min(axis=1))
         k = int(np.argmax(overlap))
         recent = np.count_nonzero((impacts > run.t[i] - _MEMORY * run.step) & (impacts <= run.t[i]))
-        crowd = int(recent > CROWD)
+        crowd = int(recent > CROWD or data.ncon > HEAP)
         if overlap[k] > worst[crowd][0]:
             worst[crowd] = float(overlap[k]), " and ".join(model.geom(g).name for g in geoms[k])
     return worst[0], worst[1]
