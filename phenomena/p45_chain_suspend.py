@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from math import cos, hypot, pi, sin, sqrt
+from math import asin, cos, hypot, pi, sin, sqrt
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 
 from phenomena.stands import DRY, gallows
-from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, law, observable
+from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.effects import Drag
 from physinone_mj.measure import accelerations, period
@@ -31,6 +31,14 @@ SETTLED: Final = 2e-5
 
 THICKEST: Final = 6.0
 """Drag by mass, at most [1/s]."""
+
+TAUT: Final = 0.85
+"""Largest push with which both halves of a chain between hooks stay taut as it swings, over asin(span), at which one of
+them bears nothing. Beyond, the slack half comes taut with a jerk, and a chain that cannot stretch bears any force then:
+at 0.98 a chain of 60 links without drag gains a twentieth of its energy, with more it breaks up."""
+
+THICK: Final = 4.0
+"""Drag by mass under which it does so softly [1/s]: lanterns of 20 chains' mass were tried; 2 /s was too little."""
 
 TINY: Final = 0.004
 """Swing of the lowest link of a twin whose oscillation is small [rad]."""
@@ -117,12 +125,25 @@ class ChainSuspend(Phenomenon, domain="mechanics"):
 
     @property
     def calming(self) -> float:
-        """Drag under which it settles fastest, nearly [1/s]."""
-        return min(2 * sqrt(g / self.length), THICKEST)
+        """Drag under which it settles fastest, nearly, without a jerk [1/s]."""
+        return min(max(2 * sqrt(g / self.length), THICK if self._slackens else 0.0), THICKEST)
+
+    @property
+    def _taut(self) -> float:
+        """Largest push with which both halves stay taut as it swings, if it hangs between hooks [rad]."""
+        return TAUT * asin(min(self.span, 1.0))
+
+    @property
+    def _slackens(self) -> bool:
+        return self.push > self._taut
 
     def build(self, scene: Scene) -> None:
         """A gallows with hooks, the chain link by link, and the lantern."""
         hooked = self.mount == "hooks"
+        if hooked and self._slackens and self.damping < THICK:
+            raise Refusal("R12", f"push = {self.push:.3g} rad, damping = {self.damping:.3g} /s: half of the chain goes "
+                          f"slack and comes taut with a jerk; allowed: a push of {self._taut:.3g} rad or less, or a "
+                          f"damping of {THICK:g} /s or more")  # fmt: skip
         left = -self.gap / 2 if hooked else 0.0
         side = self.gap / 2 if hooked else 0.6 * self.length
         frame = gallows(scene, self.height + 0.05, side + self.radius + 0.2)
@@ -270,7 +291,8 @@ class ChainSuspend(Phenomenon, domain="mechanics"):
         """The run, if at the end nothing moves any more, or a damped twin that does not; else NotEvaluated."""
         changes = {k: v for k, v in changes.items() if v != getattr(run.specimen, k)}
         fastest = SETTLED
-        for damping in dict.fromkeys((run.specimen.damping, self.calming)):
+        calm = run.specimen.damping >= THICK or not self._slackens or changes.get("mount", self.mount) == "hook"
+        for damping in dict.fromkeys((*((run.specimen.damping,) if calm else ()), self.calming)):
             given = changes if damping == run.specimen.damping else changes | {"damping": damping}
             twin = run.again(**given) if given else run
             last = twin.t > twin.t[-1] - 0.5
