@@ -55,7 +55,7 @@ not. Looked at from far enough, two that all but lie on each other were seen to 
 _SAME: Final = 1e-6
 """A contact that is deeper by less is one of those [m]; MuJoCo finds depths to about 3e-7 (`ccd_tolerance`)."""
 
-_THINNED: Final = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH)
+_THINNED: Final = [int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")) for kind in ("CYLINDER", "BOX", "MESH")]
 """What such contacts are of, but for two boxes, whose are all there."""
 
 
@@ -89,17 +89,22 @@ def on_planes(model: Any) -> NDArray[np.int32]:
     return _pairs_of(model, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_CYLINDER)[1]
 
 
-def thinned(model: Any) -> NDArray[np.bool_]:
-    """Which of the pairs (npair,) may have more contacts than MuJoCo leaves."""
-    types = model.geom_type[np.column_stack([model.pair_geom1, model.pair_geom2])].reshape(-1, 2)
-    boxes = (types == int(mujoco.mjtGeom.mjGEOM_BOX)).all(axis=1)
-    return np.asarray(np.isin(types, [int(kind) for kind in _THINNED]).all(axis=1) & ~boxes)
+def _may_be_thinned(types: NDArray[np.int32]) -> Any:
+    """Whether two geoms of these types (..., 2) may have more contacts than MuJoCo leaves."""
+    boxes = (types == int(mujoco.mjtGeom.mjGEOM_BOX)).all(axis=-1)
+    return np.isin(types, _THINNED).all(axis=-1) & ~boxes
+
+
+def thinned(model: Any) -> bool:
+    """Whether that is so of any of the pairs that may touch."""
+    pairs = np.column_stack([model.pair_geom1, model.pair_geom2]).reshape(-1, 2)
+    return bool(_may_be_thinned(model.geom_type[pairs]).any())
 
 
 def collide(model: Any, data: Any, upright: NDArray[np.int32], *, deepen: bool) -> None:
     """MuJoCo's collision stage, in which those of the cylinders `on_planes` that all but stand do stand.
 
-    deepen: whether any pair is `thinned`
+    deepen: whether any of its pairs is `thinned`
     """
     turns = data.geom_xmat.copy()
     stood = _stand(upright, data.geom_xmat)
@@ -112,25 +117,19 @@ def collide(model: Any, data: Any, upright: NDArray[np.int32], *, deepen: bool) 
 
 def _deepen(model: Any, data: Any) -> None:
     """Where two polyhedra have as many contacts as MuJoCo leaves, the deepest of all if it is none of these."""
-    found = data.contact
-    thin = [int(kind) for kind in _THINNED]
-    box = int(mujoco.mjtGeom.mjGEOM_BOX)
-    ends = np.zeros(6)
-    for first in _fours(found.geom):
-        geoms = found.geom[first]
-        kinds = model.geom_type[geoms]
-        if kinds[0] not in thin or kinds[1] not in thin or (kinds == box).all():
+    ends = np.empty(6)
+    for first in _fours(data.contact.geom):
+        geoms = data.contact.geom[first]
+        if not _may_be_thinned(model.geom_type[geoms]):
             continue
-        gaps = found.dist[first : first + _MOST]
+        gaps = data.contact.dist[first : first + _MOST]
         gap = mujoco.mj_geomDistance(model, data, *geoms, float(gaps.max()), ends)
         if gap < gaps.min() - _SAME:
-            model_of = data.contact[int(first)]
-            contact = mujoco.MjContact()
+            like, contact = data.contact[first], mujoco.MjContact()
             for field in ("dim", "friction", "solref", "solreffriction", "solimp", "geom", "geom1", "geom2"):
-                setattr(contact, field, getattr(model_of, field))
-            frame, place = model_of.frame.copy(), (ends[:3] + ends[3:]) / 2
-            _fill(model, data, contact, [gap], [place], [frame], float(model_of.includemargin))
-            found = data.contact
+                setattr(contact, field, getattr(like, field))
+            frame, margin = like.frame.copy(), float(like.includemargin)
+            _fill(model, data, contact, [gap], [(ends[:3] + ends[3:]) / 2], [frame], margin)
 
 
 @njit(cache=True)
@@ -157,7 +156,7 @@ class Collider:
         self._model = model
         model.opt.ccd_iterations = _LOOKING
         self._upright = on_planes(model)
-        self._deepen = bool(thinned(model).any())
+        self._deepen = thinned(model)
         numbers, lying = _pairs_of(model, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX)
         self._ends = [(i, _End(model, geoms, pairs[i])) for i, geoms in zip(numbers, lying, strict=True)]
         self._cups = [_Cup(model, *cup) for cup in cups]
