@@ -33,7 +33,8 @@ class ParameterError(ValueError):
 class Refusal(ValueError):
     """Parameters that are each in range but make, together, a scene that cannot be simulated faithfully.
 
-    rule: the catalogue's code ("R1" ... "R12"); the message names the value and the nearest allowed one.
+    rule: the catalogue's code ("R1" ... "R12"), the message names the value and the nearest allowed one; or "model",
+    of which values outside of their declared ranges make no scene.
     """
 
     def __init__(self, rule: str, message: str) -> None:

@@ -167,9 +167,14 @@ class Compiled:
 
 
 def build(specimen: Phenomenon) -> Scene:
-    """The specimen's scene; Refusal if its parameters do not go together."""
+    """The specimen's scene; Refusal if its parameters do not go together, or lie where there is no such scene."""
     scene = Scene()
-    specimen.build(scene)
+    try:
+        specimen.build(scene)
+    except (ArithmeticError, LookupError, TypeError, ValueError) as why:
+        if specimen.checked or isinstance(why, Refusal):
+            raise
+        raise Refusal("model", f"{specimen.label}: values outside of their ranges make no scene: {why}") from why
     if not math.isfinite(scene.time):
         raise ValueError(f"{specimen.label}.build did not call scene.resolve")
     return scene

@@ -183,7 +183,10 @@ def _line(why: BaseException) -> str:
 
 
 def _declined(why: Exception) -> bool:
-    """Whether a model turned down what nobody declared it for: a check of ours, or MuJoCo's compiler."""
+    """Whether a model turned down what nobody declared it for: a check of ours, MuJoCo's compiler, or a law or caption
+    that finds nothing there to speak of."""
+    if any(note.startswith(("law ", "observable ", "caption")) for note in getattr(why, "__notes__", ())):
+        return isinstance(why, (ArithmeticError, LookupError, NotEvaluated, ValueError))
     refused = isinstance(why, ValueError) and not isinstance(why, np.linalg.LinAlgError)
     return refused and ("allowed" in str(why) or str(why).startswith("Error"))
 

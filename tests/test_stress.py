@@ -270,25 +270,39 @@ def test_a_crash_says_where() -> None:
 
 
 @pytest.mark.parametrize(
-    ("failure", "beyond"),
-    [
-        (ZeroDivisionError("division by zero"), "crashed"),
-        (np.linalg.LinAlgError("singular; allowed: what is not"), "crashed"),
-        (ValueError("math domain error"), "crashed"),
-        (ValueError("friction = -1; allowed: 0 or more"), "refused"),
-    ],
-    ids=lambda value: str(value)[:10],
+    "failure",
+    [ZeroDivisionError("division by zero"), ValueError("math domain error"), KeyError("ball7"), TypeError("complex")],
+    ids=lambda failure: type(failure).__name__,
 )
-def test_only_a_check_refuses_and_only_beyond_the_ranges(failure: Exception, beyond: str) -> None:
+def test_what_makes_no_scene_is_refused_beyond_the_ranges(failure: Exception) -> None:
     def build(self: Any, scene: Scene) -> None:
         raise failure
 
     cls = other(build=build)
     assert examined(cls())["outcome"] == "crashed"
     record = examined(cls.outside(mass=100.0))
-    assert record["outcome"] == beyond
-    assert not record["inside"]
-    assert record.get("rule") == ("model" if beyond == "refused" else None)
+    assert (record["outcome"], record["rule"], record["inside"]) == ("refused", "model", False)
+    assert record["line"].startswith("model: Other: values outside of their ranges make no scene: ")
+
+
+def test_a_law_that_finds_nothing_to_speak_of_beyond_the_ranges_declines() -> None:
+    def stumbles(self: Any, run: Run) -> Any:
+        return [][0]
+
+    for what in ({"caption": stumbles}, {"path": observable("m")(stumbles)}):
+        assert examined(other(**what).outside(mass=100.0))["rule"] == "model"
+        assert examined(other(**what)())["outcome"] == "crashed"
+
+
+@pytest.mark.parametrize("failure", [RuntimeError("lost"), MemoryError("no room"), np.linalg.LinAlgError("singular")])
+def test_what_stops_the_simulation_is_a_crash_wherever_it_is(
+    failure: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: Any, **__: Any) -> Any:
+        raise failure
+
+    monkeypatch.setattr(stress, "simulate_specimen", stop)
+    assert examined(Bounce.outside(mass=100.0))["outcome"] == examined(Bounce())["outcome"] == "crashed"
 
 
 def test_what_the_compiler_declines_is_refused() -> None:
@@ -412,7 +426,7 @@ def test_laboratories_are_not_in_the_box() -> None:
         ("height", "high", 8.0, "refused R12"),
         ("height", "low", 0.5 / 64, "holds as far as it was pushed"),
         ("restitution", "low", 0.0, "the model itself refuses"),
-        ("count", "low", 1, "crashed"),
+        ("count", "low", 1, "the model itself refuses"),
     ],
 )
 def test_the_frontier(name: str, side: Any, trusted: float, ended: str) -> None:
