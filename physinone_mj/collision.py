@@ -3,7 +3,7 @@
 A `Solver` of `contact` asks a `Collider` for the contacts of a moment. They are MuJoCo's, but for
 
     cylinders that all but stand on a plane, which are held upright while MuJoCo looks (`_stand`);
-    the deepest point of two polyhedra, where MuJoCo has thinned their contacts out (`_deepen`);
+    polyhedra, of which it leaves the deepest contact out or takes faces that do not meet (`Polyhedra`);
     boxes on the end of a cylinder, whose contacts are found here (`_End`);
     the inside of bowls, for which MuJoCo has no shape (`_Cup`).
 """
@@ -32,6 +32,9 @@ IMPEDANCE: Final = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 _NEVER: Final = -1e6
 """Margin of a pair with a plane that is not looked at [m]."""
 
+_NOWHERE: Final = 1e6
+"""Gap of a contact that does not count any more [m]."""
+
 _LEVEL: Final = 0.95
 """Cosine of the tilt up to which a box lies on the end of a cylinder."""
 
@@ -55,7 +58,13 @@ not. Looked at from far enough, two that all but lie on each other were seen to 
 _SAME: Final = 1e-6
 """A contact that is deeper by less is one of those [m]; MuJoCo finds depths to about 3e-7 (`ccd_tolerance`)."""
 
-_THINNED: Final = [int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")) for kind in ("CYLINDER", "BOX", "MESH")]
+_ASIDE: Final = 1e-3
+"""Contacts that are too deep by more than this part of the smaller's radius belong to another two faces."""
+
+_NEAR: Final = 0.02
+"""Gap, over the smaller's radius, below which that is looked into."""
+
+_POLYHEDRA: Final = [int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")) for kind in ("CYLINDER", "BOX", "MESH")]
 """What such contacts are of, but for two boxes, whose are all there."""
 
 
@@ -89,60 +98,97 @@ def on_planes(model: Any) -> NDArray[np.int32]:
     return _pairs_of(model, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_CYLINDER)[1]
 
 
-def _may_be_thinned(types: NDArray[np.int32]) -> Any:
-    """Whether two geoms of these types (..., 2) may have more contacts than MuJoCo leaves."""
-    boxes = (types == int(mujoco.mjtGeom.mjGEOM_BOX)).all(axis=-1)
-    return np.isin(types, _THINNED).all(axis=-1) & ~boxes
-
-
-def thinned(model: Any) -> bool:
-    """Whether that is so of any of the pairs that may touch."""
-    pairs = np.column_stack([model.pair_geom1, model.pair_geom2]).reshape(-1, 2)
-    return bool(_may_be_thinned(model.geom_type[pairs]).any())
-
-
-def collide(model: Any, data: Any, upright: NDArray[np.int32], *, deepen: bool) -> None:
-    """MuJoCo's collision stage, in which those of the cylinders `on_planes` that all but stand do stand.
-
-    deepen: whether any of its pairs is `thinned`
-    """
+def collide(model: Any, data: Any, upright: NDArray[np.int32], polyhedra: Polyhedra) -> None:
+    """MuJoCo's collision stage, in which those of the cylinders `on_planes` that all but stand do stand, and what it
+    says of polyhedra is mended."""
     turns = data.geom_xmat.copy()
     stood = _stand(upright, data.geom_xmat)
     mujoco.mj_collision(model, data)
+    if polyhedra:
+        polyhedra.mend(data)
     if stood:
         data.geom_xmat[:] = turns
-    if deepen and data.ncon >= _MOST:
-        _deepen(model, data)
 
 
-def _deepen(model: Any, data: Any) -> None:
-    """Where two polyhedra have as many contacts as MuJoCo leaves, the deepest of all if it is none of these."""
-    ends = np.empty(6)
-    for first in _fours(data.contact.geom):
-        geoms = data.contact.geom[first]
-        if not _may_be_thinned(model.geom_type[geoms]):
-            continue
-        gaps = data.contact.dist[first : first + _MOST]
-        gap = mujoco.mj_geomDistance(model, data, *geoms, float(gaps.max()), ends)
-        if gap < gaps.min() - _SAME:
-            like, contact = data.contact[first], mujoco.MjContact()
-            for field in ("dim", "friction", "solref", "solreffriction", "solimp", "geom", "geom1", "geom2"):
-                setattr(contact, field, getattr(like, field))
-            frame, margin = like.frame.copy(), float(like.includemargin)
-            _fill(model, data, contact, [gap], [(ends[:3] + ends[3:]) / 2], [frame], margin)
+def _unseen(model: Any) -> Array:
+    """Margins (npair,) with which pairs are not looked at [m]: minus the sum of the radii. MuJoCo squares what is left
+    between two centres, and then does not look closer (of two meshes looked at with a margin of -1e6 it reports every
+    fourth time an overlap of as much)."""
+    radii = model.geom_rbound[np.column_stack([model.pair_geom1, model.pair_geom2])].reshape(-1, 2)
+    return np.where(radii.all(axis=1), -radii.sum(axis=1), _NEVER)
+
+
+class Polyhedra:
+    """Pairs of polyhedra of a model, of which MuJoCo makes one contact by its search for the shortest way apart
+    (`mjc_Convex`), and from that several where two faces are all but parallel (`mjDSBL_MULTICCD`), with two defects:
+    the deepest need not be one of them (`_MOST`); and the faces it takes may be others than those that meet, as where
+    two plates lie on each other with an edge: then the way apart is along the plates instead of across.
+
+    Where either may be so, the one contact is looked for again, and added or put in place of the others.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        pairs = np.column_stack([model.pair_geom1, model.pair_geom2]).reshape(-1, 2)
+        types = model.geom_type[pairs]
+        boxes = (types == int(mujoco.mjtGeom.mjGEOM_BOX)).all(axis=1)
+        numbers = np.flatnonzero(np.isin(types, _POLYHEDRA).all(axis=1) & ~boxes)
+        self._number = np.full((model.ngeom, model.ngeom), -1, np.int32)
+        for first, second in ((0, 1), (1, 0)):
+            self._number[pairs[numbers, first], pairs[numbers, second]] = numbers
+        self._size = model.geom_rbound[pairs].min(axis=1, initial=np.inf)
+        self._away = _unseen(model)
+        self._scratch = mujoco.MjData(model) if len(numbers) else None
+
+    def __bool__(self) -> bool:
+        return self._scratch is not None
+
+    def mend(self, data: Any) -> None:
+        """Set right what `mj_collision` has found."""
+        found, model, scratch = data.contact, self._model, self._scratch
+        assert scratch is not None
+        first, last, pair = _doubtful(found.geom, found.dist, self._number, self._size)
+        if not len(pair):
+            return
+        scratch.geom_xpos[:], scratch.geom_xmat[:] = data.geom_xpos, data.geom_xmat
+        margin, gap, flags = model.pair_margin.copy(), model.pair_gap.copy(), model.opt.disableflags
+        model.pair_margin[:], model.pair_gap[:] = self._away, 0.0
+        model.pair_margin[pair], model.pair_gap[pair] = margin[pair], gap[pair]
+        model.opt.disableflags = flags | _DISABLE.mjDSBL_MULTICCD
+        mujoco.mj_collision(model, scratch)
+        model.pair_margin[:], model.pair_gap[:], model.opt.disableflags = margin, gap, flags
+        one = scratch.contact
+        numbers = self._number[one.geom[:, 0], one.geom[:, 1]].tolist()
+        depth, place, frame = one.dist.copy(), one.pos.copy(), one.frame.copy()
+        for i, j, number in zip(first.tolist(), last.tolist(), pair.tolist(), strict=True):
+            if number not in numbers:
+                continue
+            k, deepest = numbers.index(number), float(found.dist[i:j].min())
+            if depth[k] < deepest - _SAME:
+                here = slice(k, k + 1)
+                _fill(model, data, _like(found[i]), depth[here], place[here], frame[here], margin[number])
+                found = data.contact
+            elif depth[k] > deepest + _ASIDE * self._size[number]:
+                found.dist[i], found.pos[i], found.frame[i] = depth[k], place[k], frame[k]
+                found.exclude[i] = int(depth[k] >= margin[number])
+                found.dist[i + 1 : j], found.exclude[i + 1 : j] = _NOWHERE, 1
 
 
 @njit(cache=True)
-def _fours(geom: NDArray[np.int32]) -> list[int]:
-    """Where in a list of contacts those of one pair are exactly `_MOST`."""
-    starts = [0][:0]
-    first = 0
+def _doubtful(
+    geom: NDArray[np.int32], dist: Array, number: NDArray[np.int32], size: Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of polyhedra whose contacts may be wrong: the first of these, the last + 1 and the number of the pair."""
+    runs = np.empty((3, len(geom)), np.int64)
+    first = found = 0
     for i in range(1, len(geom) + 1):
         if i == len(geom) or geom[i, 0] != geom[first, 0] or geom[i, 1] != geom[first, 1]:
-            if i - first == _MOST:
-                starts.append(first)
+            pair = number[geom[first, 0], geom[first, 1]]
+            if pair >= 0 and (i - first == _MOST or dist[first:i].min() < _NEAR * size[pair]):
+                runs[0, found], runs[1, found], runs[2, found] = first, i, pair
+                found += 1
             first = i
-    return starts
+    return runs[0, :found], runs[1, :found], runs[2, :found]
 
 
 class Collider:
@@ -156,14 +202,11 @@ class Collider:
         self._model = model
         model.opt.ccd_iterations = _LOOKING
         self._upright = on_planes(model)
-        self._deepen = thinned(model)
+        self._polyhedra = Polyhedra(model)
         numbers, lying = _pairs_of(model, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX)
         self._ends = [(i, _End(model, geoms, pairs[i])) for i, geoms in zip(numbers, lying, strict=True)]
         self._cups = [_Cup(model, *cup) for cup in cups]
-        # minus the sum of the radii: MuJoCo squares what is left between two centres, and then does not look closer
-        # (of two meshes looked at with a margin of -1e6 it reports every fourth time an overlap of as much)
-        radii = model.geom_rbound[np.column_stack([model.pair_geom1, model.pair_geom2])].reshape(-1, 2)
-        self._unseen = np.where(radii.all(axis=1), -radii.sum(axis=1), _NEVER)
+        self._unseen = _unseen(model)
 
     def bend(self, data: Any) -> float:
         """Centripetal acceleration that bowls give what slides along them [m/s²]: no more than that is no impact."""
@@ -180,7 +223,7 @@ class Collider:
     def place(self, data: Any) -> None:
         """Everything that follows from the positions: poses, contacts, rows."""
         model, option = self._model, self._model.opt
-        if not (len(self._upright) or self._deepen or self._ends or self._cups):
+        if not (len(self._upright) or self._polyhedra or self._ends or self._cups):
             mujoco.mj_fwdPosition(model, data)
             return
         flags = option.disableflags
@@ -194,7 +237,7 @@ class Collider:
             if reach > 0.0 and (found := end.find(data, reach)) is not None:
                 lying.append((end, found, margin[i]))
                 model.pair_margin[i], model.pair_gap[i] = self._unseen[i], 0.0
-        collide(model, data, self._upright, deepen=self._deepen)
+        collide(model, data, self._upright, self._polyhedra)
         model.pair_margin[:], model.pair_gap[:] = margin, gap
         for end, found, room in lying:
             end.add(model, data, found, room)
@@ -216,10 +259,15 @@ def _blank(geom: int, other: int, surface: Surface) -> Any:
     return contact
 
 
-def _fill(
-    model: Any, data: Any, contact: Any, gaps: Sequence[float] | Array, places: Sequence[Array] | Array,
-    frames: Sequence[Array] | Array, margin: float,
-) -> None:  # fmt: skip
+def _like(other: Any) -> Any:
+    """A contact of the same geoms, to be filled in with where and how."""
+    contact = mujoco.MjContact()
+    for field in ("dim", "friction", "solref", "solreffriction", "solimp", "geom", "geom1", "geom2"):
+        setattr(contact, field, getattr(other, field))
+    return contact
+
+
+def _fill(model: Any, data: Any, contact: Any, gaps: Array, places: Array, frames: Array, margin: float) -> None:
     """Add contacts to those that MuJoCo has found: gaps (n,), places (n, 3), frames (n, 9)."""
     for i in range(len(gaps)):
         contact.dist, contact.pos, contact.frame = gaps[i], places[i], frames[i]

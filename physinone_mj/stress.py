@@ -343,11 +343,11 @@ def deepest(run: Run) -> tuple[tuple[float, str], tuple[float, str]]:
     model.pair_margin[:], model.pair_gap[:] = SLACK * run.scene.length, 0.0
     size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)
     data, broken, whole = mujoco.MjData(model), -1, np.arange(model.nbody)
-    upright, deepen = collision.on_planes(model), collision.thinned(model)
+    upright, polyhedra = collision.on_planes(model), collision.Polyhedra(model)
     for i in range(0, len(run), run.stride) if model.npair else ():
         data.qpos[:] = run.qpos[i]
         mujoco.mj_kinematics(model, data)
-        collision.collide(model, data, upright, deepen=deepen)
+        collision.collide(model, data, upright, polyhedra)
         if not data.ncon:
             continue
         if run.scene.bonds and (now := sum(b.time <= run.t[i] for b in run.breaks)) != broken:

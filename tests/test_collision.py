@@ -78,3 +78,29 @@ def test_the_deepest_of_many_contacts_is_seen(tilt: float) -> None:
         mujoco.mj_collision(model, data)
         lost += data.contact.dist.min() > true + 1e-4
     assert lost or tilt < 0.01, "MuJoCo finds them by itself now"
+
+
+def test_edges_that_meet_are_not_taken_for_faces() -> None:
+    """Thin plates that touch at their rims overlap by less along the plates than across the faces MuJoCo takes."""
+    angle = np.arange(5) * 2 * np.pi / 5
+    ring = 0.1 * np.column_stack([np.cos(angle), np.sin(angle)])
+    plate = np.vstack([np.column_stack([ring, np.full(5, z)]) for z in (-0.003, 0.003)])
+    rng = np.random.default_rng(6)
+    wrong = 0
+    for _ in range(250):
+        model, data, collider = two(plate, plate)
+        about, way = rng.uniform(0, 2 * np.pi, 2)
+        turn, lean = np.empty(4), np.empty(4)
+        mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0, 1]), rng.uniform(0, 2 * np.pi))
+        mujoco.mju_axisAngle2Quat(lean, np.array([np.cos(about), np.sin(about), 0]), rng.uniform(0.02, 0.1))
+        mujoco.mju_mulQuat(data.qpos[10:14], lean, turn)
+        along = np.array([np.cos(way), np.sin(way), 0])
+        data.qpos[7:10], wanted = 0.2 * along, rng.uniform(-1e-3, 0)
+        for _ in range(6):
+            mujoco.mj_kinematics(model, data)
+            data.qpos[7:10] += (wanted - mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None)) * along
+        seen, true = gaps(model, data, collider, 0.01)
+        assert true - 1.1e-3 * 0.1 < seen < true + 5e-6
+        mujoco.mj_collision(model, data)
+        wrong += data.contact.dist.min() < true - 2e-4
+    assert wrong, "MuJoCo takes the right faces by itself now"
