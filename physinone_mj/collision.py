@@ -59,7 +59,9 @@ _SAME: Final = 1e-6
 """A contact that is deeper by less is one of those [m]; MuJoCo finds depths to about 3e-7 (`ccd_tolerance`)."""
 
 _ASIDE: Final = 1e-3
-"""Contacts that are too deep by more than this part of the smaller's radius belong to another two faces."""
+_ALIKE: Final = 0.9995
+"""Contacts that are too deep by more than this part of the smaller's radius belong to another two faces, and so do
+those whose normal is turned by more than a cosine of this."""
 
 _NEAR: Final = 0.02
 """Gap, over the smaller's radius, below which that is looked into."""
@@ -168,7 +170,7 @@ class Polyhedra:
                 here = slice(k, k + 1)
                 _fill(model, data, _like(found[i]), depth[here], place[here], frame[here], margin[number])
                 found = data.contact
-            elif depth[k] > deepest + _ASIDE * self._size[number]:
+            elif depth[k] > deepest + _ASIDE * self._size[number] or found.frame[i, :3] @ frame[k, :3] < _ALIKE:
                 found.dist[i], found.pos[i], found.frame[i] = depth[k], place[k], frame[k]
                 found.exclude[i] = int(depth[k] >= margin[number])
                 found.dist[i + 1 : j], found.exclude[i + 1 : j] = _NOWHERE, 1

@@ -24,8 +24,9 @@ joints, so that what rides on a turntable stays there (half the centripetal acce
 
 Defects, stated: one coefficient of restitution per pair, whatever the speed, and impulses that are resolved together
 when contacts close at the same instant (a cradle needs gaps). Newton's restitution together with friction can create
-energy where a corner strikes obliquely (T. R. Kane, 1984); in heaps of boxes up to 3e-3 of the whole was seen, with
-balls none. Static friction passes to kinetic at a slip of `CREEP` m/s, a step and not Stribeck's curve.
+energy where a corner strikes obliquely (T. R. Kane, 1984): an impact that adds more than `CREATED` of what moves is
+resolved with half of the restitution, or none, as `eased` counts; what adds less stays. Static friction passes to
+kinetic at a slip of `CREEP` m/s, a step and not Stribeck's curve.
 """
 
 from __future__ import annotations
@@ -78,9 +79,10 @@ the greatest speed of approach (or of 1 m/s) is near enough."""
 
 _MANY: Final = 32
 _AT_FIRST: Final = 1e-7
+_EASED: Final = 10
 """Where more contacts than this bear on each other, what is asked of them is eased with every solution, tenfold every
-second, from this [m/s] on: colliding in a heap, at metres per second, they settle to a centimetre per second within
-ten solutions; at rest, from step to step, to the last digit."""
+second, from this [m/s] on and so many times: colliding in a heap, at metres per second, they settle to a centimetre per
+second within ten solutions; at rest, from step to step, to the last digit."""
 
 _ROUNDS: Final = 100
 _FEW_ROUNDS: Final = 8
@@ -96,7 +98,11 @@ PUSH_OUT: Final = 0.1
 
 _LEAST_RELAX: Final = 1 / 8
 
+CREATED: Final = 1e-4
+"""Part of the kinetic energy that the contacts of an impact may add to it."""
+
 OVERLAPPING: Final = "overlaps left as they are"
+DULLED: Final = "with less restitution"
 INELASTIC: Final = "without restitution"
 CONVEX: Final = "convex contact"
 """How a contact problem is eased that cannot be solved as it is."""
@@ -979,20 +985,32 @@ class Solver:
         """Solve and shift until the constraint problem is Coulomb's; its solution is left in data.qacc.
 
         What is jammed between things that do not yield cannot be pushed out of them: then overlaps stay as they are.
-        Nor can it bounce off all of them: then it does not. What still has no solution, or hides it, takes the step
-        that MuJoCo's convex contact would: what slips moves apart. All this is counted, in `eased`.
+        Nor can it bounce off all of them: then it does not; and less, if its bouncing would create energy. What still
+        has no solution, or hides it, takes the step that MuJoCo's convex contact would: what slips moves apart. All
+        this is counted, in `eased`.
         """
         tries = [("", math.inf, 1.0, _MAX_SHIFTS, False), (INELASTIC, math.inf, 0.0, 2 * _LONG, False)]
         tries += [(CONVEX, math.inf, 0.0, _PATIENCE, True)]
         if not impact:
             tries = [("", self._step, 1.0, _LONG, False), (OVERLAPPING, math.inf, 1.0, 2 * _LONG, False), *tries[1:]]
-        for how, step, bounce, most, dilate in tries:
+        while tries:
+            how, step, bounce, most, dilate = tries.pop(0)
             if self._settle(data, dt, step, most, bounce=bounce, dilate=dilate, impact=impact, crowded=crowded):
-                if how:
-                    self.eased[how] += 1
-                return
+                if not (bounce and (impact or crowded) and self._creates(data, dt)):
+                    if how:
+                        self.eased[how] += 1
+                    return
+                tries = [(DULLED, math.inf, 0.5, 2 * _LONG, False)] * (bounce == 1.0) + tries[-2:]
             self._shifts = self._trend = np.empty(0)
         raise NotSettled("contact forces did not settle")
+
+    def _creates(self, data: Any, dt: float) -> bool:
+        """Whether contacts that nothing drives have done work in this solution."""
+        if self._motors or data.contact.surfacevel.any():
+            return False
+        moved, momentum = data.qvel + 0.5 * dt * data.qacc, np.empty(self._model.nv)
+        mujoco.mj_mulM(self._model, data, momentum, data.qvel)
+        return bool(dt * data.qfrc_constraint @ moved > CREATED * 0.5 * momentum @ data.qvel)
 
     def _settle(
         self,
@@ -1046,8 +1064,10 @@ class Solver:
             moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax, dilate) * dt
             if moved < _SETTLED or (solutions >= _LONG and moved < nearly) or (dilate and solutions == most):
                 break
-            if many and moved < _AT_FIRST * 10 ** (solutions / 2):
-                break
+            if many and moved < _AT_FIRST * 10 ** (min(solutions, _EASED) / 2):
+                if data.solver_niter[: max(1, data.nisland)].max() < model.opt.iterations:
+                    break
+                model.opt.iterations = _ROUNDS  # these forces are not yet those of these accelerations
             if moved < nearest / 2:
                 nearest, waited = moved, 0
             waited += 1

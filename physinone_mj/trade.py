@@ -179,8 +179,9 @@ def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | 
     """Observed order of convergence: slope of log error against log fineness (1/step, 1/cell) while the error shrinks.
 
     Over the longest stretch in which each error is less than half of the one before and above round-off, without its
-    end if that is clearly flatter; None if these are not three settings. Where something happens within a step, a
-    release or a rope that goes taut, errors jump about their trend: hence all of it.
+    end if that is clearly flatter, nor a beginning that is (steps too long for the limit); None if these are not three
+    settings. Where something happens within a step, a release or a rope that goes taut, errors jump about their trend:
+    hence all of it.
     """
     apart = dict(zip(fineness, errors, strict=True))
     known = [(n, e) for n, e in sorted(apart.items()) if e is not None and FLOOR < e < ENDLESS]
@@ -193,12 +194,14 @@ def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | 
             part.append((n, e))
         if len(part) > len(best):
             best = part
-    if len(best) > 3:
-        steep, flat = (math.log(best[i - 1][1] / best[i][1]) / math.log(best[i][0] / best[i - 1][0]) for i in (-2, -1))
-        best = best[:-1] if flat < 0.85 * steep else best
     if len(best) < 3:
         return None
     n, e = np.log(np.array(best)).T
+    slopes = np.diff(e) / np.diff(n)
+    if len(n) > 3 and slopes[-1] > 0.85 * slopes[-2]:
+        n, e, slopes = n[:-1], e[:-1], slopes[:-1]
+    while len(n) > 3 and slopes[0] > 0.85 * slopes[1]:
+        n, e, slopes = n[1:], e[1:], slopes[1:]
     return float(-np.polyfit(n, e, 1)[0])
 
 

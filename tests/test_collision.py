@@ -86,7 +86,7 @@ def test_edges_that_meet_are_not_taken_for_faces() -> None:
     ring = 0.1 * np.column_stack([np.cos(angle), np.sin(angle)])
     plate = np.vstack([np.column_stack([ring, np.full(5, z)]) for z in (-0.003, 0.003)])
     rng = np.random.default_rng(6)
-    wrong = 0
+    wrong = turned = 0
     for _ in range(250):
         model, data, collider = two(plate, plate)
         about, way = rng.uniform(0, 2 * np.pi, 2)
@@ -101,6 +101,11 @@ def test_edges_that_meet_are_not_taken_for_faces() -> None:
             data.qpos[7:10] += (wanted - mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None)) * along
         seen, true = gaps(model, data, collider, 0.01)
         assert true - 1.1e-3 * 0.1 < seen < true + 5e-6
+        ends = np.empty(6)
+        mujoco.mj_geomDistance(model, data, 0, 1, 1.0, ends)
+        normal = data.contact.frame[data.contact.dist.argmin(), :3]
+        turned += abs(normal @ (ends[3:] - ends[:3])) < 0.99 * abs(true)
         mujoco.mj_collision(model, data)
         wrong += data.contact.dist.min() < true - 2e-4
+    assert not turned
     assert wrong, "MuJoCo takes the right faces by itself now"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -272,8 +272,10 @@ def energy(mass: float, inertia: Array, v: Array, w: Array) -> float:
 
 
 def test_box_on_its_corner() -> None:
+    """As the oracle says, with half of the restitution or none where with all of it energy would be created."""
+    dulled = {1.0: 0, 0.5: 0, 0.0: 0}
     rng = np.random.default_rng(3)
-    for _ in range(60):
+    for _ in range(600):
         e, mu, mass = (
             rng.choice([0.0, rng.uniform(0, 1)]),
             rng.choice([0.0, 0.9, rng.uniform(0, 0.9)]),
@@ -290,16 +292,21 @@ def test_box_on_its_corner() -> None:
         place = np.array([0, 0, -arm[2]])
         velocity, spin = rng.normal(size=3) * 2 - [0, 0, 3], rng.normal(size=3) * 5
         inertia = turn @ box_inertia(half, mass) @ turn.T
-        bodies = [floor(), Body(mass, inertia, place, velocity, spin)]
-        if bodies[1].at(place + arm)[2] > -0.01:
+        thrown = Body(mass, inertia, place, velocity, spin)
+        if thrown.at(place + arm)[2] > -0.01:
             continue
         before = energy(mass, inertia, velocity, spin)
         v, w, _ = after_impact([("box", half, mass, place, quaternion, velocity, spin)], [(-1, 0, Surface(mu, e))])
-        gauss_seidel(bodies, [Touch(0, 1, place + arm, np.array([0, 0, 1.0]), mu, e)])
-        assert np.abs(v[0] - bodies[1].velocity).max() < 1e-9, (e, mu)
-        assert np.abs(w[0] - bodies[1].spin).max() * half.max() < 1e-9, (e, mu)
-        if mu == 0 or e == 0:
-            assert energy(mass, inertia, v[0], w[0]) <= before * (1 + 1e-12)
+        for part in dulled:
+            body = replace(thrown)
+            gauss_seidel([floor(), body], [Touch(0, 1, place + arm, np.array([0, 0, 1.0]), mu, part * e)])
+            if energy(mass, inertia, body.velocity, body.spin) < before * (1 + contact.CREATED):
+                break
+        dulled[part] += 1
+        assert np.abs(v[0] - body.velocity).max() < 1e-9, (e, mu)
+        assert np.abs(w[0] - body.spin).max() * half.max() < 1e-9, (e, mu)
+        assert energy(mass, inertia, v[0], w[0]) < before * (1 + (contact.CREATED if mu * e else 1e-12))
+    assert dulled[0.5]
 
 
 def misses(bodies: list[Body], after: list[Body], touches: list[Touch], impulses: list[Array]) -> float:
@@ -587,10 +594,10 @@ class Heap(Phenomenon, domain="mechanics"):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("kind", "friction", "restitution"),
-    [("ball", 0.9, 0.8), ("ball", 0.3, 0.3), ("block", 0.6, 0.0), ("block", 0.0, 0.6)],
+    [("ball", 0.9, 0.8), ("ball", 0.3, 0.3), ("block", 0.6, 0.0), ("block", 0.0, 0.6), ("block", 0.6, 0.6)],
 )
 def test_energy_never_grows(kind: str, friction: float, restitution: float, seed: int) -> None:
-    """Newton's law with friction can create energy where a corner strikes (T. R. Kane 1984), so not both for boxes."""
+    """Newton's law with friction can create energy where a corner strikes (T. R. Kane 1984); see `contact.CREATED`."""
     heap = Heap.make(kind=kind, friction=friction, restitution=restitution, seed=seed, count=4, duration=1.0)
     run = simulate_specimen(heap, fidelity=DRAFT)
     energy = run.motion.kinetic + run.motion.potential

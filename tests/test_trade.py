@@ -45,6 +45,7 @@ def test_order_of_what_converges() -> None:
     assert trade.order(n, [m**-4.0 for m in n]) == pytest.approx(4)
     assert trade.order(n, [m**-2.0 + 1e-5 * (m == 128) for m in n]) == pytest.approx(2, abs=0.15)
     assert trade.order(n, [max(m**-4.0, 1e-7) for m in n]) == pytest.approx(4), "until it meets a floor"
+    assert trade.order(n, [m**-2.0 / (1 + (12 / m) ** 2) for m in n]) == pytest.approx(2, abs=0.1), "from fine enough"
     assert trade.order([8.0, 8.0, 16.0, 32.0], [1e-2, 1e-2, 2.5e-3, 6.25e-4]) == pytest.approx(2), "a setting twice"
 
 
