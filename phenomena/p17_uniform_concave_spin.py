@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt, tan
+from math import cos, inf, pi, sin, sqrt, tan
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -178,6 +178,18 @@ class UniformConcaveSpin(Phenomenon, domain="mechanics"):
                                f"{high:g} √(g/R_e)")  # fmt: skip
         return ratio
 
+    def slides(self, sign: int, margin: float) -> float:
+        """How far the cube slides at a spin beyond the critical one by this fraction before it holds again [rad].
+
+        Its friction is constant: it swings once through the angle at which the forces would balance.
+        """
+        spin = self.critical(sign) * self.unit * (1 - sign * margin)
+        at, ahead = (
+            sign * self.cube.along(angle, spin) - self.cube.grip(self.friction) * self.cube.into(angle, spin)
+            for angle in (self.angle, self.angle - sign * 1e-6)
+        )
+        return 2 * at * 1e-6 / (at - ahead) if at > ahead else inf
+
     @law("|g sin θ - Ω² ρ cos θ| ≤ μ' (g cos θ + Ω² ρ sin θ)", source="Coulomb's law; Goldstein, Classical Mechanics, "
          "3rd ed., §4.10; μ' → μ for a small cube: statics on four corners, bowls.Cube.grip",
          within=(1.01e-2, 5.1e-3, 3.1e-3), limited_by="a bracket: it holds within, slips as far beyond")  # fmt: skip
@@ -188,12 +200,15 @@ class UniformConcaveSpin(Phenomenon, domain="mechanics"):
             theta = polar(run.again(cargo="cube", ratio=ratio), CUBE, self.radius)
             return bool((sign * (theta[0] - theta)).max() > SLIPPED[run.fidelity.rank])
 
-        margin = MARGINS[run.fidelity.rank]
+        margin, enough = MARGINS[run.fidelity.rank], 1.5 * SLIPPED[run.fidelity.rank]
         found: list[float] = []
         expected: list[float] = []
         for sign in (1, -1):
             try:
                 ratio = self.critical(sign)
+                if self.slides(sign, margin) < enough:
+                    raise NotEvaluated(f"beyond that spin by {margin:g} of it the cube slides by "
+                                       f"{self.slides(sign, margin):.2g} rad; needed: {enough:g} rad")  # fmt: skip
             except NotEvaluated:
                 if sign == -1 and not found:
                     raise

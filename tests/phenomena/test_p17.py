@@ -40,6 +40,17 @@ def spin(**values: Any) -> Run:
     return simulate_specimen(UniformConcaveSpin.make(**values), fidelity=DRAFT)
 
 
+@pytest.mark.parametrize("part", [0.05, 0.5])
+def test_a_cube_that_slips_a_little_holds_again_lower_down(part: float) -> None:
+    """Where its spin all but does not count, the law has nothing to see: it says so, and by how much."""
+    bowl = {"radius": 0.484, "edge": 0.0886, "friction": 0.827, "angle": 0.7405}
+    ratio = UniformConcaveSpin.make(**bowl).critical(1) * (1 - part)
+    run = spin(cargo="cube", ratio=ratio, **bowl)
+    slid = np.ptp(polar(run, CUBE, run.specimen.radius))
+    assert slid == pytest.approx(run.specimen.slides(1, part), rel=5e-3)
+    assert law(run, "cube_holds_between_two_spins") == "not evaluated"
+
+
 def with_twins(run: Run, change: Any) -> Run:
     return dataclasses.replace(run, again_with=lambda **changes: change(run.again(**changes)), _repeats={})
 
