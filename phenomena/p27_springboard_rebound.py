@@ -53,7 +53,7 @@ class SpringboardRebound(Phenomenon, domain="mechanics"):
     """Object bounces off a spring board."""
 
     stiffness: Annotated[float, Param("N/m", 200.0, 2e4, "of the board, at its tip where it has one")] = 800.0
-    board: Annotated[float, Param("kg", 0.05, 1.0, "of the board")] = 0.1
+    board: Annotated[float, Param("kg", 0.05, 1.0, "of the board")] = 0.16
     length: Annotated[
         float, Param("m", 0.3, 1.0, "of the hinged or bending board, of the platform's spring half of it")
     ] = 0.7
