@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, sin
+from math import atan2, cos, inf, sin
 from typing import Annotated
 
 import numpy as np
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from phenomena.parts import ball, court
 from physinone_mj.base import Measurement, NotEvaluated, Param, Phenomenon, law, observable
+from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
-from physinone_mj.measure import around, between, fit
+from physinone_mj.measure import IMPACT_WINDOW, around, between, fit
 from physinone_mj.run import Impact, Run
 from physinone_mj.scene import Scene, free_pose
 
@@ -119,6 +120,12 @@ class MovingHitsFixed(Phenomenon, domain="mechanics"):
             raise NotEvaluated("the wall presses the ball onto the floor, which strikes back")
         return blow
 
+    def back_after(self) -> float:
+        """Time until the ball, thrown up by the blow, meets the floor or the wall again [s]."""
+        leaves, fall = self.blow().velocity, 0.5 * g
+        times = [leaves[2] / fall, *([float(leaves @ self.normal) / (fall * self.normal[2])] if self.tilt > 0 else [])]
+        return min((when for when in times if when > 1e-12), default=inf)
+
     @staticmethod
     def hits(run: Run) -> list[Impact]:
         """Impacts of ball and wall; NotEvaluated if there is none."""
@@ -128,8 +135,13 @@ class MovingHitsFixed(Phenomenon, domain="mechanics"):
         return found
 
     def sides(self, run: Run) -> tuple[Array, Array, Array, Array]:
-        """Velocity before and after the first hit, spin before and after, each (3,)."""
-        when = self.hits(run)[0].time
+        """Velocity before and after the first hit, spin before and after, each (3,).
+
+        NotEvaluated if another impact follows too soon, be it too slow for a record of impacts.
+        """
+        when, soon = self.hits(run)[0].time, run.specimen.back_after()
+        if soon < IMPACT_WINDOW:
+            raise NotEvaluated(f"the ball meets floor or wall again after {soon:.2g} s; needed: {IMPACT_WINDOW} s")
         return (*around(run, "ball/ball", when), *around(run, "ball/ball", when, spin=True))
 
     @observable("m/s")
