@@ -38,7 +38,9 @@ THROWN: Final = 0.9
 """Where the ball starts, before the mirror [m]."""
 
 SURE: Final = 2e-6
-"""A ray that passes an edge within this may or may not have met it [m]."""
+STEEP: Final = 20.0
+"""A ray that passes an edge within the first [m] may or may not have met it; and where it grazes a face so that a face
+nearer by as much is met sooner by the second times that, the face's own round-off is drawn out as much."""
 
 
 class MirrorFragmentReflect(Phenomenon, domain="optics"):
@@ -237,10 +239,11 @@ class MirrorFragmentReflect(Phenomenon, domain="optics"):
         return np.concatenate(found), np.concatenate(due)
 
     def certain(self, run: Run) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """What it ought to meet first (T,), -2 where it passes too near an edge to say, and whether silvered (T,)."""
+        """What it ought to meet first (T,), -2 where it grazes a face or an edge, and whether silvered (T,)."""
         who, silvered, _ = self.should_meet(run)
         others = [self.should_meet(run, side * SURE) for side in (-1, 1)]
         sure = np.all([(who == w) & (silvered == s) for w, s, _ in others], axis=0)
+        sure &= np.abs(others[0][2] - others[1][2]) < 2 * SURE * STEEP
         return np.where(sure, who, -2), silvered & sure
 
     @law("what is nearest along the ray is met", source="by definition: a ray; Born & Wolf, Principles of Optics, "

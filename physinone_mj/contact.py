@@ -99,7 +99,9 @@ PUSH_OUT: Final = 0.1
 _LEAST_RELAX: Final = 1 / 8
 
 CREATED: Final = 1e-4
-"""Part of the kinetic energy that the contacts of an impact may add to it."""
+PUSHED: Final = 1e-3
+"""Part of the kinetic energy that the contacts of an impact may add to it; and part of what is there that those of a
+step may add in which overlaps are taken back, where what is jammed might fly apart."""
 
 OVERLAPPING: Final = "overlaps left as they are"
 DULLED: Final = "with less restitution"
@@ -602,6 +604,9 @@ class Solver:
         self._model = model
         surfaces = [*pairs, *(surface for _, _, surface in joined.cups)]
         self._size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)  # a plane has none
+        moving = model.body_weldid[model.geom_bodyid] != 0
+        least = float(self._size[moving].min()) if moving.any() else 0.0
+        self._heft = least * float(model.body_mass[model.body_weldid != 0].sum())
         self._pair_of = np.zeros((model.ngeom, model.ngeom), np.int32)
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
             self._pair_of[a, b] = self._pair_of[b, a] = i
@@ -996,21 +1001,28 @@ class Solver:
         while tries:
             how, step, bounce, most, dilate = tries.pop(0)
             if self._settle(data, dt, step, most, bounce=bounce, dilate=dilate, impact=impact, crowded=crowded):
-                if not (bounce and (impact or crowded) and self._creates(data, dt)):
+                final = not bounce or (step == math.inf and not (impact or crowded))
+                if final or not self._creates(data, dt, CREATED if impact else PUSHED):
                     if how:
                         self.eased[how] += 1
                     return
-                tries = [(DULLED, math.inf, 0.5, 2 * _LONG, False)] * (bounce == 1.0) + tries[-2:]
+                if step == math.inf:
+                    tries = [(DULLED, math.inf, 0.5, 2 * _LONG, False)] * (bounce == 1.0) + tries[-2:]
             self._shifts = self._trend = np.empty(0)
         raise NotSettled("contact forces did not settle")
 
-    def _creates(self, data: Any, dt: float) -> bool:
-        """Whether contacts that nothing drives have done work in this solution."""
+    def _creates(self, data: Any, dt: float, part: float) -> bool:
+        """Whether contacts that nothing drives have done more work in this solution than this part of what is there:
+        the kinetic energy and, in a step, what would lift all that moves by the smallest radius."""
         if self._motors or data.contact.surfacevel.any():
             return False
-        moved, momentum = data.qvel + 0.5 * dt * data.qacc, np.empty(self._model.nv)
+        work = dt * data.qfrc_constraint @ (data.qvel + 0.5 * dt * data.qacc)
+        if not work > 0.0:
+            return False
+        momentum = np.empty(self._model.nv)
         mujoco.mj_mulM(self._model, data, momentum, data.qvel)
-        return bool(dt * data.qfrc_constraint @ moved > CREATED * 0.5 * momentum @ data.qvel)
+        lift = self._heft * self._cut / self._step if part == PUSHED else 0.0
+        return bool(work > part * (0.5 * momentum @ data.qvel + lift))
 
     def _settle(
         self,
