@@ -127,7 +127,8 @@ class UniformConcaveSpin(Phenomenon, domain="mechanics"):
             else:
                 scene.touch(BALL, CUBE)
         watched = {"all": 5.0, "ball": 3.0}.get(self.cargo, HELD)
-        turns = {"cube": 0.75, "ball": 2.0}.get(self.cargo, 4.0)  # a cube holds by its corners, which turn with the bowl
+        # a cube holds by its corners, which turn with the bowl
+        turns = {"cube": 0.75, "ball": 2.0}.get(self.cargo, 4.0)
         scene.resolve(time=min(2.2 / self.unit, turns / max(self.spin, 1e-3)), length=self.size, duration=watched)
 
     def _check_room(self) -> None:

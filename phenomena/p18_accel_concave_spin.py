@@ -162,7 +162,7 @@ class AccelConcaveSpin(Phenomenon, domain="mechanics"):
         late = self.slips if self.slips < inf else min(self.course.ramp, 3.0)
         watched = {"all": min(late + 2.4, 10.0), "cube": min(late + 0.8, 8.0), "rider": 1.0}.get(self.cargo, 2.0)
         fastest = max(self.first, self.top if self.course.ramp < watched else float(self.course.spin(watched)), 1e-3)
-        turns = {"cube": 1.5, "rider": 0.8}.get(self.cargo, 3.0)
+        turns = {"cube": 0.75, "rider": 0.8}.get(self.cargo, 3.0)
         scene.resolve(time=min(2.2 / self.unit, turns / fastest), length=self.size,
                       duration=max(watched, 3.0 if self.cargo == "all" else 0.3))  # fmt: skip
 

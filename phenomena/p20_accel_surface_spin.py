@@ -12,6 +12,7 @@ from phenomena.spins import Course, across, azimuth, distance, drift, plan
 from phenomena.turntables import (
     HINGE,
     Slide,
+    ahead,
     arena,
     block,
     carry,
@@ -212,14 +213,17 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
             speed, some = np.linalg.norm(slip, axis=1), between(run.t, began + soon, began + 5 * soon)
             if speed[some].max() < 10 * CREEP:
                 continue
-            some &= speed > 3 * CREEP
+            some &= speed > np.maximum(3 * CREEP, 50 * ahead(run, self.body(i)))
+            if some.sum() < 5:
+                continue
             out = plan(run, self.body(i))[some] / distance(run, self.body(i))[some, None]
             slip = slip[some]
             angle = np.arctan2(-np.sum(slip * across(out), axis=1), np.sum(slip * out, axis=1))
             measured.append(np.polyfit(run.t[some] - began, angle, 2)[-1])
             expected.append(atan2(self.rate, spin**2))
         if not measured:
-            raise NotEvaluated(f"no block that slips is as fast as {10 * CREEP:g} m/s before its way bends")
+            raise NotEvaluated(f"no block that slips is as fast as {10 * CREEP:g} m/s before its way bends, or as "
+                               "50 times what these steps carry it ahead")  # fmt: skip
         return measured, expected
 
     @law("ẍ = -μ g û, û = w/|w|, w = ẋ - Ω ẑ × x", source="Coulomb, Théorie des machines simples (1785)",

@@ -165,3 +165,9 @@ def test_random_specimens() -> None:
 def test_many_random_specimens() -> None:
     decided = judge_random(UniformConcaveSpin, count=25, seed=4)
     assert min(decided.values()) >= 1
+
+
+def test_a_cube_holds_up_to_its_spin_in_a_quick_bowl() -> None:
+    """At DRAFT, too: steps follow the turning of its corners."""
+    run = spin(cargo="ball", radius=0.3979, size=0.0235, edge=0.094, ratio=1.16, friction=0.6201, angle=0.8311)
+    assert law(run, "cube_holds_between_two_spins") == "passed"

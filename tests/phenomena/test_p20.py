@@ -134,3 +134,10 @@ def test_the_first_slip_trails_and_does_not_lead() -> None:
     assert law(run, name) == "passed"
     slow = turn(blocks=4, first=5.4852, rate=0.1472, top=6.5988, radius=0.3805, friction=0.6598)
     assert law(slow, name) == "not evaluated"
+
+
+def test_what_long_steps_carry_ahead_is_no_slip() -> None:
+    """A block at the rim of a quick table, at DRAFT: what is recorded before it slips is no onset."""
+    run = turn(blocks=1, first=2.686, rate=0.1658, top=9.06, radius=0.921, friction=0.8992)
+    assert law(run, "every_block_slips_at_its_own_spin") == "passed"
+    assert law(run, "first_slip_is_outwards_and_trailing") != "failed"
