@@ -80,15 +80,21 @@ the greatest speed of approach (or of 1 m/s) is near enough."""
 _MANY: Final = 32
 _AT_FIRST: Final = 1e-7
 _EASED: Final = 10
+_WEARY: Final = 50
+_COARSELY: Final = 0.05
 """Where more contacts than this bear on each other, what is asked of them is eased with every solution, tenfold every
 second, from this [m/s] on and so many times: colliding in a heap, at metres per second, they settle to a centimetre per
-second within ten solutions; at rest, from step to step, to the last digit."""
+second within ten solutions; at rest, from step to step, to the last digit. What goes on longer, hundreds of contacts at
+once, is let be at this part of the greatest speed of approach."""
 
 _ROUNDS: Final = 100
 _FEW_ROUNDS: Final = 8
 _LIVELY: Final = 1e-3
 """Rounds of Newton's method in one solution. In such a heap, as long as any of it meets faster than this [m/s], the
 references move on before the solution is found exactly."""
+
+_MISSING: Final = 1e-3
+"""And by how much forces and accelerations may then still miss each other, over the greatest force."""
 
 _OPEN: Final = -1e15
 """Target of a row that must not act: no motion is that slow."""
@@ -1011,6 +1017,14 @@ class Solver:
             self._shifts = self._trend = np.empty(0)
         raise NotSettled("contact forces did not settle")
 
+    def _balanced(self, data: Any) -> bool:
+        """Whether these forces are those of these accelerations, M a = f, which in the midst of a solution they are
+        not."""
+        force = np.empty(self._model.nv)
+        mujoco.mj_mulM(self._model, data, force, data.qacc)
+        missing = np.abs(force - data.qfrc_smooth - data.qfrc_constraint).max()
+        return bool(missing <= _MISSING * np.abs(data.qfrc_constraint).max())
+
     def _creates(self, data: Any, dt: float, part: float) -> bool:
         """Whether contacts that nothing drives have done more work in this solution than this part of what is there:
         the kinetic energy and, in a step, what would lift all that moves by the smallest radius."""
@@ -1068,7 +1082,8 @@ class Solver:
         trail: list[Array] = []
         many = self.crowd(data)
         model.opt.iterations = _FEW_ROUNDS if many and self._speed.min() < -_LIVELY else _ROUNDS
-        nearly = _NEARLY * max(1.0, -float(self._speed.min(initial=0.0)))
+        fastest = -float(self._speed.min(initial=0.0))
+        nearly, coarsely = _NEARLY * max(1.0, fastest), _COARSELY * fastest
         for solutions in range(1, most + 1):
             mujoco.mj_fwdConstraint(model, data)
             data.qacc_warmstart[:] = data.qacc
@@ -1076,10 +1091,10 @@ class Solver:
             moved = _shift(address, dim, friction, regulariser, force, reached, target, reference, relax, dilate) * dt
             if moved < _SETTLED or (solutions >= _LONG and moved < nearly) or (dilate and solutions == most):
                 break
-            if many and moved < _AT_FIRST * 10 ** (min(solutions, _EASED) / 2):
-                if data.solver_niter[: max(1, data.nisland)].max() < model.opt.iterations:
+            if many and moved < max(_AT_FIRST * 10 ** (min(solutions, _EASED) / 2), coarsely * (solutions > _WEARY)):
+                if self._balanced(data):
                     break
-                model.opt.iterations = _ROUNDS  # these forces are not yet those of these accelerations
+                model.opt.iterations = _ROUNDS
             if moved < nearest / 2:
                 nearest, waited = moved, 0
             waited += 1
