@@ -80,8 +80,8 @@ the greatest speed of approach (or of 1 m/s) is near enough."""
 _MANY: Final = 32
 _AT_FIRST: Final = 1e-7
 _EASED: Final = 10
-_WEARY: Final = 50
-_COARSELY: Final = 0.05
+_WEARY: Final = 150
+_COARSELY: Final = 0.01
 """Where more contacts than this bear on each other, what is asked of them is eased with every solution, tenfold every
 second, from this [m/s] on and so many times: colliding in a heap, at metres per second, they settle to a centimetre per
 second within ten solutions; at rest, from step to step, to the last digit. What goes on longer, hundreds of contacts at

@@ -31,7 +31,10 @@ def hit() -> Run:
 
 def test_the_ball_brings_the_wall_down(hit: Run) -> None:
     assert hit.specimen.fallen(hit)[-1] > 0.2
-    assert hit.motion.kinetic[-1] < 1e-2 * hit.motion.kinetic[0]
+    ball = hit.kinetic("ball/ball")  # it may go on turning on the spot: nothing drills into the floor
+    assert (hit.motion.kinetic - ball)[-1] < 1e-3 * hit.motion.kinetic[0]
+    speed = np.linalg.norm(hit.velocity("ball/ball"), axis=1)
+    assert speed[-1] < 0.1 * speed[0]
 
 
 @pytest.mark.slow
