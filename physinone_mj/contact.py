@@ -610,9 +610,9 @@ class Solver:
         self._model = model
         surfaces = [*pairs, *(surface for _, _, surface in joined.cups)]
         self._size = np.where(model.geom_rbound > 0, model.geom_rbound, math.inf)  # a plane has none
-        moving = model.body_weldid[model.geom_bodyid] != 0
-        least = float(self._size[moving].min()) if moving.any() else 0.0
-        self._heft = least * float(model.body_mass[model.body_weldid != 0].sum())
+        moves = model.body_weldid != 0
+        sizes = self._size[moves[model.geom_bodyid]]
+        self._heft = float(sizes.min() * model.body_mass[moves].sum()) if len(sizes) else 0.0
         self._pair_of = np.zeros((model.ngeom, model.ngeom), np.int32)
         for i, (a, b) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True)):
             self._pair_of[a, b] = self._pair_of[b, a] = i
@@ -1008,7 +1008,7 @@ class Solver:
             how, step, bounce, most, dilate = tries.pop(0)
             if self._settle(data, dt, step, most, bounce=bounce, dilate=dilate, impact=impact, crowded=crowded):
                 final = not bounce or (step == math.inf and not (impact or crowded))
-                if final or not self._creates(data, dt, CREATED if impact else PUSHED):
+                if final or not self._creates(data, dt, impact=impact):
                     if how:
                         self.eased[how] += 1
                     return
@@ -1025,9 +1025,9 @@ class Solver:
         missing = np.abs(force - data.qfrc_smooth - data.qfrc_constraint).max()
         return bool(missing <= _MISSING * np.abs(data.qfrc_constraint).max())
 
-    def _creates(self, data: Any, dt: float, part: float) -> bool:
-        """Whether contacts that nothing drives have done more work in this solution than this part of what is there:
-        the kinetic energy and, in a step, what would lift all that moves by the smallest radius."""
+    def _creates(self, data: Any, dt: float, *, impact: bool) -> bool:
+        """Whether contacts that nothing drives have done more work in this solution than a part of what is there: the
+        kinetic energy and, in a step, what would lift all that moves by the smallest radius."""
         if self._motors or data.contact.surfacevel.any():
             return False
         work = dt * data.qfrc_constraint @ (data.qvel + 0.5 * dt * data.qacc)
@@ -1035,8 +1035,8 @@ class Solver:
             return False
         momentum = np.empty(self._model.nv)
         mujoco.mj_mulM(self._model, data, momentum, data.qvel)
-        lift = self._heft * self._cut / self._step if part == PUSHED else 0.0
-        return bool(work > part * (0.5 * momentum @ data.qvel + lift))
+        kinetic, lift = 0.5 * momentum @ data.qvel, self._heft * self._cut / self._step
+        return bool(work > (CREATED * kinetic if impact else PUSHED * (kinetic + lift)))
 
     def _settle(
         self,

@@ -309,6 +309,19 @@ def test_box_on_its_corner() -> None:
     assert dulled[0.5]
 
 
+@pytest.mark.parametrize(("depth", "left"), [(1e-5, False), (5e-3, True)])
+def test_overlaps_are_taken_back_unless_that_creates_energy(depth: float, left: bool) -> None:
+    """A ball a little in the floor is lifted out by a tenth of it in a step; one deep in it is not shot up."""
+    dt = 2e-3
+    sunk = sphere(0.05, 1.0, (0, 0, 0.05 - depth), (0, 0, 0), (0, 0, 0))
+    _, data, solver = struck([sunk], [(-1, 0, Surface(0.5, 0.0))])
+    solver.begin(data, dt, g)
+    assert solver.slide(data, dt)
+    assert solver.eased[contact.OVERLAPPING] == left
+    risen = data.qvel[2] * dt / 2  # from the middle of the step to its end
+    assert risen == pytest.approx(0.0 if left else contact.PUSH_OUT * depth, abs=1e-12)
+
+
 def misses(bodies: list[Body], after: list[Body], touches: list[Touch], impulses: list[Array]) -> float:
     """By how much velocities [m/s] and impulses break Signorini's condition, Newton's or Coulomb's law."""
     worst = 0.0
