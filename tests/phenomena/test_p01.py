@@ -136,3 +136,13 @@ def test_random_specimens() -> None:
     decided = judge_random(MovingHitsFixed)
     assert decided["bounces_with_restitution"] >= 10
     assert min(decided.values()) >= 4
+
+
+def test_a_landing_too_slow_for_the_record_is_not_judged() -> None:
+    """A wall that leans a little lifts the ball by so little that it has landed again before the next samples."""
+    run = hit(
+        speed=1.3794, incidence=1.0397, distance=0.6272, spin=35.4886, restitution=0.7537, wall_restitution=0.1798,
+        friction=0.8766, tilt=0.0148, radius=0.121, density=162.7466,
+    )  # fmt: skip
+    assert 0 < run.specimen.back_after() < 0.02
+    assert not failed(run)
