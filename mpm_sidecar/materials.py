@@ -57,14 +57,14 @@ def _rising(terms: int) -> list[float]:
 
 @kernels
 def _single() -> Any:
-    """log1p(z)/z, expm1(y)/y, exp(y) and (cos, sin)(arccos(x)/3) of single precision, without a branch or a call: so
-    the compiler works on eight particles at once."""
+    """log1p(z), that over z, expm1(y)/y, exp(y) and (cos, sin)(arccos(x)/3) of single precision, without a branch or a
+    call: so the compiler works on eight particles at once."""
     cosine = [(-1) ** k / math.factorial(2 * k) for k in range(5, -1, -1)]
     sine = [(-1) ** k / math.factorial(2 * k + 1) for k in range(5, -1, -1)]
 
     @ti.func
-    def log1p_over(z):
-        """1 + z = 2ⁿ (1 + t), 1/√2 < 1 + t < √2."""
+    def logarithm(z):
+        """1 + z = 2ⁿ (1 + t), 1/√2 < 1 + t < √2: n, log1p(t)/t, and log1p(z)."""
         bits = ti.bit_cast(1 + z, ti.i32)
         n = (bits - 0x3F3504F3) >> 23
         t = ti.select(n == 0, z, ti.bit_cast(bits - (n << 23), ti.f32) - 1)
@@ -73,7 +73,17 @@ def _single() -> Any:
         s = ti.cast(0.0, ti.f32)
         for term in ti.static(_odd(6)):
             s = s * (w * w) + term
-        return ti.select(n == 0, 2 * s * over, (ti.cast(n, ti.f32) * ti.static(math.log(2)) + 2 * s * w) / z)
+        return n, 2 * s * over, ti.cast(n, ti.f32) * ti.static(math.log(2)) + 2 * s * w
+
+    @ti.func
+    def log1p(z):
+        _, _, log = logarithm(z)
+        return log
+
+    @ti.func
+    def log1p_over(z):
+        n, near, log = logarithm(z)
+        return ti.select(n == 0, near, log / z)
 
     @ti.func
     def parts(y):
@@ -111,7 +121,7 @@ def _single() -> Any:
             s = s * (turn * turn) + term
         return c, s * turn
 
-    return SimpleNamespace(log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
+    return SimpleNamespace(log1p=log1p, log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
 
 
 @kernels
@@ -132,6 +142,10 @@ def _double() -> Any:
         return y
 
     @ti.func
+    def log1p(z):
+        return z * log1p_over(z)
+
+    @ti.func
     def exp(y):
         return ti.exp(y)
 
@@ -150,14 +164,14 @@ def _double() -> Any:
         turn = ti.acos(x) / 3
         return ti.cos(turn), ti.sin(turn)
 
-    return SimpleNamespace(log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
+    return SimpleNamespace(log1p=log1p, log1p_over=log1p_over, expm1_over=expm1_over, exp=exp, third=third)
 
 
 @kernels
 def functions(real: Any) -> Any:
     """What the laws share, at a precision: symmetric matrices, logarithms, eigenvalues."""
     of_number = _single() if real == ti.f32 else _double()
-    log1p_over, expm1_over, exp = of_number.log1p_over, of_number.expm1_over, of_number.exp
+    log1p, log1p_over, expm1_over, exp = of_number.log1p, of_number.log1p_over, of_number.expm1_over, of_number.exp
 
     @ti.func
     def unpack(s):
@@ -203,7 +217,7 @@ def functions(real: Any) -> Any:
     @ti.func
     def logs(e):
         """y = log1p(e) at the three eigenvalues, and y[e₀,e₁], y[e₁,e₂]."""
-        y = ti.Vector([e[i] * log1p_over(e[i]) for i in ti.static(range(3))])
+        y = ti.Vector([log1p(e[i]) for i in ti.static(range(3))])
         near = log1p_over((e[1] - e[0]) / (1 + e[0])) / (1 + e[0])
         far = log1p_over((e[2] - e[1]) / (1 + e[1])) / (1 + e[1])
         return y, near, far
@@ -229,8 +243,8 @@ def functions(real: Any) -> Any:
         return result
 
     return SimpleNamespace(
-        unpack=unpack, pack=pack, push=push, excess=excess, log1p_over=log1p_over, expm1_over=expm1_over, exp=exp,
-        eigenvalues=eigenvalues, logs=logs, of=of,
+        unpack=unpack, pack=pack, push=push, excess=excess, log1p=log1p, log1p_over=log1p_over, expm1_over=expm1_over,
+        exp=exp, eigenvalues=eigenvalues, logs=logs, of=of,
     )  # fmt: skip
 
 
@@ -244,7 +258,7 @@ def _elastic(real: Any) -> Law:
         c = shared.push(shared.unpack(s), grad)
         excess = ti.max(shared.excess(c), -0.9999)
         tau = k[0] * c
-        pressure = 0.5 * k[1] * excess * shared.log1p_over(excess)
+        pressure = 0.5 * k[1] * shared.log1p(excess)
         for i in ti.static(range(3)):
             tau[i, i] += pressure
         return shared.pack(c), tau
@@ -359,7 +373,7 @@ def _newtonian(real: Any) -> Law:
         volume = 1 + j
         pressed = volume - 1 / volume**6
         if ti.abs(j) < SMALL:
-            y = 7 * j * shared.log1p_over(j)
+            y = 7 * shared.log1p(j)
             pressed = y * shared.expm1_over(y) / volume**6
         for i in ti.static(range(3)):
             tau[i, i] += k[1] * pressed

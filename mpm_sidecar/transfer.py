@@ -50,13 +50,16 @@ _VISCOUS: Final = 0.1
 _ENDLESS: Final = 1e30
 """A speed [m/s] that stands for what is infinite or not a number."""
 _MOST_NODES: Final = 2**28
+_MOST_PARTICLES: Final = 2**26
 _SLABS: Final = 4
 """Of a multiple of so many slabs along x, of about as many particles each, two threads get as much to do in either of
 two colours; where there are fewer blocks along x than that, columns of four colours are shared."""
 _CHUNK: Final = 8
-"""Particles that are gathered together, so that they are still at hand when their law is asked."""
-_TURNS: Final = 4
-"""Of the loop for each chunk, all but the first idle: Taichi hands a thread 512 turns, then 1024 particles."""
+"""Particles whose law is asked at once, while they are still at hand."""
+_RUN: Final = 32
+"""Particles of a turn of the loop; a multiple of a chunk."""
+_TURNS: Final = 16
+"""Of the loop for each run, all but the first idle: Taichi hands a thread 512 turns, then 1024 particles."""
 _STATE: Final = 20
 """Where in a record the state begins: x (3), 0, v (3), 1, the columns of A (3) and 0 each."""
 _VELOCITY: Final = slice(4, 7)
@@ -80,6 +83,12 @@ def _weights(f):
 
 
 @ti.func
+def _node(x, y, z, ny, nz):
+    """Number of a node, or of nodes between two; the mask changes nothing, but tells that no address overflows."""
+    return ((x * ny + y) * nz + z) & ti.static(_MOST_NODES - 1)
+
+
+@ti.func
 def _some(given: ti.template(), at: ti.template(), count: ti.template()):
     return ti.Vector([given[at + i] for i in range(count)])
 
@@ -89,7 +98,7 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
     """Particles of columns, from and up to, onto the grid; fixed: as `_count_kernel` has it.
 
     The compiler makes one instruction of the four numbers of a node, if nothing tells them apart: hence a record of
-    whole fours, and loops that are unrolled (an address in one that is not could overflow).
+    whole fours, and loops that are unrolled.
     """
     pairs, numbers = ti.types.ndarray(dtype=ti.i32, ndim=2), ti.types.ndarray(dtype=real, ndim=1)
     records = ti.types.ndarray(dtype=ti.types.vector(width, real), ndim=1)
@@ -115,7 +124,7 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
             ny, nz, cells = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), given[_CELLS]
             origin, parts, mass = _some(given, _ORIGIN, 3), _some(given, _PARTS, 4), given[_MASS]
             for p in range(columns[a, 0], columns[a, 1]):
-                r = rec[p]
+                r = rec[p & ti.static(_MOST_PARTICLES - 1)]
                 x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
                 base = ti.cast(x - 0.5, ti.i32)
                 f = x - ti.cast(base, real)
@@ -124,9 +133,9 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
                 ay = ti.Vector([r[12], r[13], r[14], r[15]])
                 az = ti.Vector([r[16], r[17], r[18], r[19]])
                 q = mass * ti.Vector([r[4], r[5], r[6], r[7]]) - f[0] * ax - f[1] * ay - f[2] * az
-                here = (base[0] * ny + base[1]) * nz + base[2]
+                here = _node(base[0], base[1], base[2], ny, nz)
                 for i, j in ti.static(ti.ndrange(3, 3)):
-                    n = here + (i * ny + j) * nz
+                    n = here + _node(i, j, 0, ny, nz)
                     w = wx[i] * wy[j]
                     line = w * (q + i * ax + j * ay)
                     rise = w * az
@@ -165,99 +174,116 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
     """The grid's velocities to particles, and one material's law; returns the greatest component of a velocity.
 
     In single precision the law's loop has no branch and no call, and its numbers are local: eight particles at once.
+    These lie in fours, as in records, which the compiler turns into eights and back where all of each are used: so the
+    fourths are, though worth nothing. Loops over particles must not become ones of eights: it cannot tell what p is.
     """
     records = ti.types.ndarray(dtype=ti.types.vector(_width(state), real), ndim=1)
     nodes = ti.types.ndarray(dtype=ti.types.vector(4, real), ndim=1)
     numbers, inner = ti.types.ndarray(dtype=real, ndim=1), ti.types.vector(state, real)
+    fours = (_width(state) - _STATE) // 4
 
     @ti.kernel
     def gather(rec: records, grid: nodes, given: numbers) -> real:
         fastest = ti.cast(0.0, real)
-        for part in range((rec.shape[0] + _CHUNK - 1) // _CHUNK * ti.static(_TURNS)):
+        for part in range((rec.shape[0] + _RUN - 1) // _RUN * ti.static(_TURNS)):
             if part % ti.static(_TURNS) != 0:
                 continue
-            chunk = part // ti.static(_TURNS)
             ny, nz, cells = ti.cast(given[_NY], ti.i32), ti.cast(given[_NZ], ti.i32), given[_CELLS]
             origin, stride, k = _some(given, _ORIGIN, 3), _some(given, _STRIDE, 4), _some(given, _LAW, 4)
             dt, keep, push, nothing = stride[0], 4 * given[_MASS], given[_PUSH], ti.cast(given[_NOTHING], ti.i32)
-            last = ti.min((chunk + 1) * _CHUNK, rec.shape[0])
-            for particle in range(chunk * _CHUNK, last):
-                p = particle ^ nothing  # itself, but the compiler cannot know: an address that could not overflow
-                r = rec[p]
-                x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
-                base = ti.cast(x - 0.5, ti.i32)
-                f = x - ti.cast(base, real)
-                wx, wy, wz = _weights(f[0]), _weights(f[1]), _weights(f[2])
-                here = (base[0] * ny + base[1]) * nz + base[2]
-                v = ti.Vector.zero(real, 4)
-                bx = ti.Vector.zero(real, 4)
-                by = ti.Vector.zero(real, 4)
-                bz = ti.Vector.zero(real, 4)
-                for i in ti.static(range(3)):
-                    plane = ti.Vector.zero(real, 4)
-                    turn = ti.Vector.zero(real, 4)
-                    rise = ti.Vector.zero(real, 4)
+            velocity = ti.Matrix.zero(real, _CHUNK, 4)
+            column = [ti.Matrix.zero(real, _CHUNK, 4) for _ in ti.static(range(3))]
+            kept = [ti.Matrix.zero(real, _CHUNK, 4) for _ in ti.static(range(fours))]
+            fast = ti.Vector.zero(real, _CHUNK)
+            top = ti.cast(0.0, real)
+            for chunk in range(ti.static(_RUN // _CHUNK)):
+                first = part // ti.static(_TURNS) * _RUN + chunk * _CHUNK
+                last = ti.min(first + _CHUNK, rec.shape[0])
+                for particle in range(first, last):
+                    p, q = (particle ^ nothing) & ti.static(_MOST_PARTICLES - 1), particle - first
+                    r = rec[p]
+                    x = (ti.Vector([r[0], r[1], r[2]]) - origin) * cells
+                    base = ti.cast(x - 0.5, ti.i32)
+                    f = x - ti.cast(base, real)
+                    wx, wy, wz = _weights(f[0]), _weights(f[1]), _weights(f[2])
+                    here = _node(base[0], base[1], base[2], ny, nz)
+                    v = ti.Vector.zero(real, 4)
+                    bx = ti.Vector.zero(real, 4)
+                    by = ti.Vector.zero(real, 4)
+                    bz = ti.Vector.zero(real, 4)
+                    for i in ti.static(range(3)):
+                        plane = ti.Vector.zero(real, 4)
+                        turn = ti.Vector.zero(real, 4)
+                        rise = ti.Vector.zero(real, 4)
+                        for j in ti.static((1, 2, 0)):
+                            n = here + _node(i, j, 0, ny, nz)
+                            two = wz[2] * grid[n + 2]
+                            both = wz[1] * grid[n + 1] + two
+                            line = wy[j] * (wz[0] * grid[n] + both)
+                            climb = wy[j] * (both + two)
+                            if ti.static(j == 1):
+                                plane = line
+                                rise = climb
+                            else:
+                                plane += line
+                                rise += climb
+                            if ti.static(j == 2):
+                                turn = plane + line
+                        plane *= wx[i]
+                        if ti.static(i == 0):
+                            v = plane
+                            by = wx[0] * turn
+                            bz = wx[0] * rise
+                        else:
+                            v += plane
+                            by += wx[i] * turn
+                            bz += wx[i] * rise
+                        if ti.static(i == 1):
+                            bx = plane
+                        if ti.static(i == 2):
+                            bx += 2 * plane
+                    for c in ti.static(range(4)):
+                        r[c] += stride[c] * v[c]
+                        velocity[q, c] = v[c]
+                        column[0][q, c] = bx[c] - f[0] * v[c]
+                        column[1][q, c] = by[c] - f[1] * v[c]
+                        column[2][q, c] = bz[c] - f[2] * v[c]
+                        for four in ti.static(range(fours)):
+                            kept[four][q, c] = r[_STATE + 4 * four + c]
+                    rec[p] = r
+                for q in range(_CHUNK):
+                    s = inner(0.0)
+                    for i in ti.static(range(state)):
+                        s[i] = kept[i // 4][q, i % 4]
+                    grad = ti.Matrix.zero(real, 3, 3)
+                    for i, j in ti.static(ti.ndrange(3, 3)):
+                        grad[i, j] = (4.0 * cells * dt) * column[j][q, i]
+                    s, tau = law(s, grad, dt, k)
+                    for i in ti.static(range(state)):
+                        kept[i // 4][q, i % 4] = s[i]
+                    for i, j in ti.static(ti.ndrange(3, 3)):
+                        column[j][q, i] = keep * column[j][q, i] - push * tau[i, j]
                     for j in ti.static(range(3)):
-                        n = here + (i * ny + j) * nz
-                        one = wz[1] * grid[n + 1]
-                        two = wz[2] * grid[n + 2]
-                        line = wz[0] * grid[n] + one + two
-                        plane += wy[j] * line
-                        if ti.static(j > 0):
-                            turn += (j * wy[j]) * line
-                        rise += wy[j] * (one + 2 * two)
-                    v += wx[i] * plane
-                    if ti.static(i > 0):
-                        bx += (i * wx[i]) * plane
-                    by += wx[i] * turn
-                    bz += wx[i] * rise
-                for c in ti.static(range(4)):
-                    r[c] += stride[c] * v[c]
-                    r[4 + c] = v[c]
-                    r[8 + c] = bx[c] - f[0] * v[c]
-                    r[12 + c] = by[c] - f[1] * v[c]
-                    r[16 + c] = bz[c] - f[2] * v[c]
-                rec[p] = r
-            change = ti.Matrix.zero(real, 9, _CHUNK)
-            kept = ti.Matrix.zero(real, state, _CHUNK)
-            stress = ti.Matrix.zero(real, 6, _CHUNK)
-            for particle in range(chunk * _CHUNK, last):
-                q = particle - chunk * _CHUNK
-                for i, j in ti.static(ti.ndrange(3, 3)):
-                    change[3 * i + j, q] = (4.0 * cells * dt) * rec[particle][8 + i + 4 * j]
-                for i in ti.static(range(state)):
-                    kept[i, q] = rec[particle][_STATE + i]
-            for q in range(_CHUNK):
-                s = inner(0.0)
-                for i in ti.static(range(state)):
-                    s[i] = kept[i, q]
-                grad = ti.Matrix.zero(real, 3, 3)
-                for i, j in ti.static(ti.ndrange(3, 3)):
-                    grad[i, j] = change[3 * i + j, q]
-                s, tau = law(s, grad, dt, k)
-                for i in ti.static(range(state)):
-                    kept[i, q] = s[i]
-                for i in ti.static(range(3)):
-                    stress[i, q] = tau[i, i]
-                    stress[3 + i, q] = tau[(i + 1) % 3, (i + 2) % 3]
-            fast = ti.cast(0.0, real)
-            for particle in range(chunk * _CHUNK, last):
-                q = particle - chunk * _CHUNK
-                r = rec[particle]
-                for i, j in ti.static(ti.ndrange(3, 3)):
-                    r[8 + i + 4 * j] = keep * r[8 + i + 4 * j] - push * stress[i if i == j else 6 - i - j, q]
-                r[7] = 1.0
-                r[11] = 0.0
-                r[15] = 0.0
-                r[19] = 0.0
-                for i in ti.static(range(state)):
-                    r[_STATE + i] = kept[i, q]
-                rec[particle] = r
-                top = ti.max(ti.abs(r[4]), ti.abs(r[5]), ti.abs(r[6]))
-                if not top <= fast:  # what is not a number, too
-                    fast = ti.min(top, ti.static(_ENDLESS))
-            if fast > fastest:
-                ti.atomic_max(fastest, fast)
+                        column[j][q, 3] *= 0.0
+                    vx, vy, vz = ti.abs(velocity[q, 0]), ti.abs(velocity[q, 1]), ti.abs(velocity[q, 2])
+                    more = ti.select(vx > vy, vx, vy)
+                    fast[q] = ti.select(vz > more, vz, more) + 0.0 * (vx + vy + vz)  # not a number, if any is not
+                    velocity[q, 3] = 1.0 + 0.0 * velocity[q, 3]
+                for particle in range(first, last):
+                    p, q = (particle ^ nothing) & ti.static(_MOST_PARTICLES - 1), particle - first
+                    r = rec[p]
+                    for c in ti.static(range(4)):
+                        r[4 + c] = velocity[q, c]
+                        for j in ti.static(range(3)):
+                            r[8 + 4 * j + c] = column[j][q, c]
+                        for four in ti.static(range(fours)):
+                            r[_STATE + 4 * four + c] = kept[four][q, c]
+                    rec[p] = r
+                for q in ti.static(range(_CHUNK)):
+                    if not fast[q] <= top:
+                        top = ti.min(fast[q], ti.static(_ENDLESS))
+            if top > fastest:
+                ti.atomic_max(fastest, top)
         return fastest
 
     return gather
@@ -373,6 +399,11 @@ class Body:
             raise ValueError(f"volume = {self.volume} m³ of a particle; allowed: positive")
 
 
+def _count(particles: int) -> None:
+    if particles > _MOST_PARTICLES:
+        raise ValueError(f"{particles} particles of a body; allowed: {_MOST_PARTICLES}")
+
+
 def longest_step(bodies: Sequence[Body], dx: float, speed: float = 0.0) -> float:
     """Longest stable step [s] while nothing is faster than a speed [m/s] and little compressed."""
     steps = [math.inf]
@@ -425,7 +456,8 @@ class Solver:
         sparse: pass over blocks that no particle can touch; False to show that it changes nothing.
 
     Raises:
-        ValueError: no body, a cell that is not positive, a period that is not of whole cells.
+        ValueError: no body, more particles than 2²⁶ of one, a cell that is not positive, a period that is not of whole
+            cells.
     """
 
     def __init__(
@@ -435,6 +467,8 @@ class Solver:
     ) -> None:  # fmt: skip
         if not bodies or not 0 < dx < math.inf:
             raise ValueError(f"{len(bodies)} bodies, dx = {dx} m; allowed: at least one body, a positive dx")
+        for body in bodies:
+            _count(len(body.points))
         self.dx, self.bodies, self.bearers, self.time, self.steps = dx, list(bodies), tuple(bearers), 0.0, 0
         self._real = ti.f64 if double else ti.f32
         self._type: Any = np.float64 if double else np.float32
@@ -477,6 +511,7 @@ class Solver:
     def add(self, body: int, points: Array, velocity: ArrayLike) -> None:
         """Give a body more particles: (n, 3) [m], at rest within and of a velocity [m/s]. They come last."""
         cloud = self._clouds[body]
+        _count(len(cloud.order) + len(points))
         new = np.zeros((len(points), cloud.records.shape[1]), self._type)
         new[:, :3], new[:, _VELOCITY], new[:, 7] = points, velocity, 1.0
         cloud.order = np.concatenate([cloud.order, len(cloud.order) + np.arange(len(points))])
@@ -553,7 +588,8 @@ class Solver:
         # velocities are those of the middle of a step, so that what falls freely falls exactly
         given[:, _KICK : _KICK + 3] = (self._last + dt) / 2 * self.gravity
         given[:, _STRIDE : _STRIDE + 3] = dt
-        given[:, _PARTS : _PARTS + 4] = self._parts(dt)
+        if self._fixed is not None:
+            given[:, _PARTS : _PARTS + 4] = self._parts(dt)
         for numbers, cloud in zip(given, self._clouds, strict=True):
             parameters = cloud.material.parameters()
             numbers[[_MASS, _PUSH]] = cloud.mass, dt * cloud.volume * 4 / self.dx

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mpm_sidecar import transfer
 from mpm_sidecar._ti import ti
 from mpm_sidecar.collide import Bearer, Obstacle
 from mpm_sidecar.transfer import Body, Solver, longest_step
@@ -274,9 +275,34 @@ def test_impossible_scenes(make: Any) -> None:
         make()
 
 
+def test_more_particles_than_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their numbers are masked in the kernels: one too many would be taken for another."""
+    taichi_at(ti.f32)
+    monkeypatch.setattr(transfer, "_MOST_PARTICLES", 8)
+    points = cube((1, 1, 1), 1 / 32)
+    with pytest.raises(ValueError, match="9 particles of a body; allowed: 8"):
+        Solver([Body(Elastic(), np.vstack([points, points[:1]]), 1e-6)], 1 / 32)
+    solver = Solver([Body(Elastic(), points, 1e-6)], 1 / 32)
+    with pytest.raises(ValueError, match="9 particles"):
+        solver.add(0, points[:1], (0, 0, 0))
+
+
 def test_what_breaks_says_so() -> None:
     taichi_at(ti.f32)
     dx = 1 / 32
     solver = Solver([body(Elastic(), cube((2, 2, 2), dx), dx, (math.inf, 0, 0))], dx)
     with pytest.raises(ArithmeticError, match="finite"):
         solver.advance(0.01)
+
+
+@pytest.mark.parametrize("component", [0, 1, 2])
+def test_one_velocity_that_is_not_a_number_is_seen(component: int) -> None:
+    """After the step in which it comes, whichever it is, of whichever of eight particles."""
+    taichi_at(ti.f32)
+    dx = 1 / 32
+    solver = Solver([body(Elastic(), cube((4, 4, 4), dx), dx)], dx)
+    solver.step(1e-4)
+    solver._clouds[0].records[-3, 4 + component] = math.nan
+    solver.step(1e-4)
+    with pytest.raises(ArithmeticError, match="finite"):
+        solver.advance(1e-4)
