@@ -363,20 +363,18 @@ def _granular(real: Any) -> Law:
 
 @kernels
 def _newtonian(real: Any) -> Law:
-    """τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I."""
-    shared = functions(real)
+    """τ = ½ μ J (∇v + ∇vᵀ) + κ (J - J⁻⁶) I, where J - J⁻⁶ = (J - 1)(1 + J⁻¹ + ... + J⁻⁶) does not cancel."""
 
     @ti.func
     def respond(s, grad, dt, k):
         j = ti.max(s[0] + (1 + s[0]) * grad.trace(), -0.95)
-        tau = (0.5 * k[0] / dt * (1 + j)) * (grad + grad.transpose())
         volume = 1 + j
-        pressed = volume - 1 / volume**6
-        if ti.abs(j) < SMALL:
-            y = 7 * shared.log1p(j)
-            pressed = y * shared.expm1_over(y) / volume**6
+        tau = (0.5 * k[0] / dt * volume) * (grad + grad.transpose())
+        inverse, powers = 1 / volume, ti.cast(1.0, real)
+        for _ in ti.static(range(6)):
+            powers = powers * inverse + 1
         for i in ti.static(range(3)):
-            tau[i, i] += k[1] * pressed
+            tau[i, i] += k[1] * j * powers
         return ti.Vector([j]), tau
 
     return respond

@@ -98,7 +98,7 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
     """Particles of columns, from and up to, onto the grid; fixed: as `_count_kernel` has it.
 
     The compiler makes one instruction of the four numbers of a node, if nothing tells them apart: hence a record of
-    whole fours, and loops that are unrolled.
+    whole fours, and loops that are unrolled, the outermost by itself: it then keeps more at hand.
     """
     pairs, numbers = ti.types.ndarray(dtype=ti.i32, ndim=2), ti.types.ndarray(dtype=real, ndim=1)
     records = ti.types.ndarray(dtype=ti.types.vector(width, real), ndim=1)
@@ -134,16 +134,19 @@ def _scatter_kernel(real: Any, width: int, fixed: bool) -> Any:
                 az = ti.Vector([r[16], r[17], r[18], r[19]])
                 q = mass * ti.Vector([r[4], r[5], r[6], r[7]]) - f[0] * ax - f[1] * ay - f[2] * az
                 here = _node(base[0], base[1], base[2], ny, nz)
-                for i, j in ti.static(ti.ndrange(3, 3)):
-                    n = here + _node(i, j, 0, ny, nz)
-                    w = wx[i] * wy[j]
-                    line = w * (q + i * ax + j * ay)
-                    rise = w * az
-                    put(grid, n, wz[0] * line, parts)
-                    line += rise
-                    put(grid, n + 1, wz[1] * line, parts)
-                    line += rise
-                    put(grid, n + 2, wz[2] * line, parts)
+                for i in range(3):
+                    level = q + ti.cast(i, real) * ax
+                    for j in ti.static(range(3)):
+                        n = here + _node(i, j, 0, ny, nz)
+                        w = wx[i] * wy[j]
+                        line = w * level
+                        rise = w * az
+                        put(grid, n, wz[0] * line, parts)
+                        line += rise
+                        put(grid, n + 1, wz[1] * line, parts)
+                        line += rise
+                        put(grid, n + 2, wz[2] * line, parts)
+                        level += ay
 
     return scatter
 
@@ -211,7 +214,8 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                     bx = ti.Vector.zero(real, 4)
                     by = ti.Vector.zero(real, 4)
                     bz = ti.Vector.zero(real, 4)
-                    for i in ti.static(range(3)):
+                    for i in range(3):
+                        w = wx[i]
                         plane = ti.Vector.zero(real, 4)
                         turn = ti.Vector.zero(real, 4)
                         rise = ti.Vector.zero(real, 4)
@@ -229,19 +233,11 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                                 rise += climb
                             if ti.static(j == 2):
                                 turn = plane + line
-                        plane *= wx[i]
-                        if ti.static(i == 0):
-                            v = plane
-                            by = wx[0] * turn
-                            bz = wx[0] * rise
-                        else:
-                            v += plane
-                            by += wx[i] * turn
-                            bz += wx[i] * rise
-                        if ti.static(i == 1):
-                            bx = plane
-                        if ti.static(i == 2):
-                            bx += 2 * plane
+                        plane *= w
+                        v += plane
+                        by += w * turn
+                        bz += w * rise
+                        bx += ti.cast(i, real) * plane
                     for c in ti.static(range(4)):
                         r[c] += stride[c] * v[c]
                         velocity[q, c] = v[c]
