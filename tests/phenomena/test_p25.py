@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from phenomena.p25_mirror_fragment_reflect import BACK, GLASS, MIDDLE, MirrorFragmentReflect
+from phenomena.p25_mirror_fragment_reflect import BACK, GLASS, MIDDLE, STEEP, MirrorFragmentReflect
 from physinone_mj import contact, fracture, optics, stress
 from physinone_mj.fidelity import DRAFT, STANDARD
 from physinone_mj.optics import Optics, Rays
@@ -97,6 +97,22 @@ def test_shards_that_shine_on_their_backs_are_found_out(monkeypatch: pytest.Monk
     by_ball = rays.geoms[:, 0] == run.model.geom("ball/ball").id
     if by_ball.any():
         assert "beam_goes_on_where_no_shard_is" in failed(run)
+
+
+@pytest.mark.parametrize(("slope", "known"), [(0.95, True), (1.05, False)])
+def test_where_the_beam_grazes_a_face_nothing_is_said(
+    slope: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A face that is met sooner by so many times as much as it is nearer, about the greatest that is judged."""
+    run, phenomenon = throw(), Brief.make()
+
+    def drawn_out(_self: Any, _run: Run, margin: float = 0.0) -> tuple[Any, Any, Any]:
+        return np.zeros(len(run), int), np.ones(len(run), bool), np.full(len(run), 1.0 - STEEP * slope * margin)
+
+    monkeypatch.setattr(Brief, "should_meet", drawn_out)
+    who, silvered = phenomenon.certain(run)
+    assert (who == (0 if known else -2)).all()
+    assert (silvered == known).all()
 
 
 def test_tilt_turns_the_beam_twice_as_far() -> None:
