@@ -197,7 +197,7 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
             velocity = ti.Matrix.zero(real, _CHUNK, 4)
             column = [ti.Matrix.zero(real, _CHUNK, 4) for _ in ti.static(range(3))]
             kept = [ti.Matrix.zero(real, _CHUNK, 4) for _ in ti.static(range(fours))]
-            fast = ti.Vector.zero(real, _CHUNK)
+            fast = ti.Vector.zero(real, _CHUNK)  # of fewer than eight, the rest are others' or nobody's
             top = ti.cast(0.0, real)
             for chunk in range(ti.static(_RUN // _CHUNK)):
                 first = part // ti.static(_TURNS) * _RUN + chunk * _CHUNK
@@ -232,7 +232,7 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                                 plane += line
                                 rise += climb
                             if ti.static(j == 2):
-                                turn = plane + line
+                                turn = plane + line  # Σ j line
                         plane *= w
                         v += plane
                         by += w * turn
