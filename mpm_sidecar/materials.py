@@ -267,26 +267,17 @@ def _elastic(real: Any) -> Law:
 
 
 Flow: TypeAlias = Any
-"""ti.func (‖ê‖, tr ε, b̄ = tr b/3, volume gained, dt, parameters) -> (factor of ê, tr ε', volume gained')."""
+"""ti.func (‖ê‖, tr ε, b̄ = tr b/3, seventh of the state, dt, parameters) -> (factor of ê, tr ε', seventh')."""
 
 
 @kernels
-def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
+def _hencky(real: Any, flow: Flow) -> Law:
     """St. Venant-Kirchhoff elasticity in Hencky strain, τ = 2 μ ε + λ tr ε I, and a rule of flow.
 
-    gains: the state has a seventh number, the logarithm of the volume that it has gained without stress.
+    The seventh number of the state is what has gone: of what yields, the work of flow ∫ 2 μ ê : dε_p, by volume at rest
+    [J/m³]; of sand, the logarithm of the volume that it has gained without stress.
     """
     shared = functions(real)
-
-    @ti.func
-    def bare(c, _gained):
-        return shared.pack(c)
-
-    @ti.func
-    def with_gain(c, gained):
-        return ti.Vector([c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2], gained])
-
-    seal = with_gain if gains else bare
 
     @ti.func
     def respond(s, grad, dt, k):
@@ -297,11 +288,8 @@ def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
         y, near, far = shared.logs(e)
         trace = 0.5 * (y[0] + y[1] + y[2])
         deviator = 0.5 * y - trace / 3
-        gained = ti.cast(0.0, real)
-        if ti.static(gains):
-            gained = s[6]
         size = ti.sqrt(deviator[0] ** 2 + deviator[1] ** 2 + deviator[2] ** 2)
-        shrink, after, gained = flow(size, trace, 1 + (e[0] + e[1] + e[2]) / 3, gained, dt, k)
+        shrink, after, gone = flow(size, trace, 1 + (e[0] + e[1] + e[2]) / 3, s[6], dt, k)
         # ε' = shrink ε + shift I, along the axes of c
         shift = (after - shrink * trace) / 3
         tau = shared.of(c, e, k[0] * shrink * y[0], k[0] * shrink * near, k[0] * shrink * far)
@@ -312,7 +300,7 @@ def _hencky(real: Any, flow: Flow, gains: bool) -> Law:
             rise = shared.exp(z[0]) * shared.expm1_over(z[1] - z[0]) * shrink * near
             fall = shared.exp(z[1]) * shared.expm1_over(z[2] - z[1]) * shrink * far
             c = shared.of(c, e, z[0] * shared.expm1_over(z[0]), rise, fall)
-        return seal(c, gained), tau
+        return ti.Vector([c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2], gone]), tau
 
     return respond
 
@@ -322,13 +310,13 @@ def _plasticine(real: Any) -> Law:
     """‖ê‖ is kept at or below τ_Y/2μ."""
 
     @ti.func
-    def flow(size, trace, _mean, gained, _dt, k):
+    def flow(size, trace, _mean, spent, _dt, k):
         shrink = ti.cast(1.0, real)
         if 2 * k[0] * size > k[2]:
             shrink = k[2] / (2 * k[0] * size)
-        return shrink, trace, gained
+        return shrink, trace, spent + 2 * k[0] * size * size * shrink * (1 - shrink)
 
-    return _hencky(real, flow, False)
+    return _hencky(real, flow)
 
 
 @kernels
@@ -336,13 +324,13 @@ def _viscoplastic(real: Any) -> Law:
     """ŝ = s - (s - τ_Y)/(1 + η/(2 μ̂ Δt))."""
 
     @ti.func
-    def flow(size, trace, mean, gained, dt, k):
+    def flow(size, trace, mean, spent, dt, k):
         shrink, stress = ti.cast(1.0, real), 2 * k[0] * size
         if stress > k[2]:
             shrink = 1 - (1 - k[2] / stress) / (1 + k[3] / (2 * k[0] * mean * dt))
-        return shrink, trace, gained
+        return shrink, trace, spent + 2 * k[0] * size * size * shrink * (1 - shrink)
 
-    return _hencky(real, flow, False)
+    return _hencky(real, flow)
 
 
 @kernels
@@ -358,7 +346,7 @@ def _granular(real: Any) -> Law:
             shrink = -k[2] * after / size
         return shrink, after, k[3] * ti.max(whole, 0.0)
 
-    return _hencky(real, flow, True)
+    return _hencky(real, flow)
 
 
 @kernels
@@ -397,8 +385,16 @@ def stretch(material: Material, states: Array) -> Array:
     s = np.asarray(states, float)
     if isinstance(material, Newtonian):
         return 1 + s[:, 0]
-    gained = s[:, 6] if material.state > 6 else 0.0
+    gained = s[:, 6] if isinstance(material, Granular) else 0.0
     return np.asarray(np.sqrt(np.prod(1 + _eigenvalues(s), axis=1)) * np.exp(gained))
+
+
+def dissipated(material: Material, states: Array) -> Array:
+    """Work of flow of particles of these states (n, state), by volume at rest (n,) [J/m³]; zero of what does not yield,
+    and of sand, which does not keep it."""
+    if isinstance(material, Plasticine | Viscoplastic):
+        return np.asarray(states, float)[:, 6]
+    return np.zeros(len(states))
 
 
 def energy(material: Material, states: Array) -> Array:

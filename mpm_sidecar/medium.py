@@ -28,7 +28,7 @@ from physinone_mj.scene import IMMATERIAL
 from . import meshes, sample
 from ._ti import compiles, start
 from .collide import Bearer, Obstacle
-from .materials import energy, stretch
+from .materials import dissipated, energy, stretch
 from .transfer import Body, Solver, longest_step
 
 Array = NDArray[np.float64]
@@ -217,6 +217,7 @@ class Medium:
                 "mass": m * len(x), "centre": x.mean(axis=0), "momentum": m * v.sum(axis=0),
                 "turning": m * np.cross(x, v).sum(axis=0), "kinetic": 0.5 * m * (v**2).sum(),
                 "elastic": body.volume * energy(body.material, s).sum(),
+                "dissipated": body.volume * dissipated(body.material, s).sum(),
                 "volume": body.volume * stretch(body.material, s).sum(), "low": x.min(axis=0), "high": x.max(axis=0),
             })  # fmt: skip
         return out

@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.optimize import brentq
 
 from phenomena.lumps import CLEAR, NEAR, Lump
@@ -120,10 +120,15 @@ class PlasticineFall(Lump, domain="fluids"):
     def column(self, scene: Scene) -> None:
         """A square column on a smooth floor, whose weight grows slowly."""
         high = self.tall
-        time, thin = sqrt(high / g), high / SLENDER / 2
-        self.stand(scene, self.firm, Box((thin, thin, high / 2)), high / 2, gravity=(0.0, 0.0, -g), ramp=6 * time,
+        thin = high / SLENDER / 2
+        self.stand(scene, self.firm, Box((thin, thin, high / 2)), high / 2, gravity=(0.0, 0.0, -g), ramp=self.slowly,
                    grip="slip")  # fmt: skip
-        watch(scene, 0.8 * high, 8 * time)
+        watch(scene, 0.8 * high, 8 / 6 * self.slowly)
+
+    @property
+    def slowly(self) -> float:
+        """In which a column's weight grows [s]."""
+        return 6 * sqrt(self.tall / g)
 
     def sheet(self, scene: Scene) -> None:
         """A layer on a rough slope without end, whose weight grows slowly."""
@@ -196,6 +201,16 @@ class PlasticineFall(Lump, domain="fluids"):
             raise NotEvaluated("it is not seen to land")
         fallen = cloud.centre[0, 2] - cloud.centre[before, 2]
         return lost / (2 * cloud.mass[0]), self.density * cloud.mass[0] / self.material.density * g * fallen
+
+    @law("∫ m g ż dt = W_p + W_el + m v²/2", within=(5e-2, 3e-2, 1e-2), limited_by=GRID,
+         source="R. Hill, The mathematical theory of plasticity (1950), ch. 2: work of flow, ∫ σ : dε_p")  # fmt: skip
+    def weight_works_on_flow(self, run: Run) -> Measurement:
+        """68f: what a column that sinks slowly has stored, moves with and has spent on its flow, against the work of
+        its weight. Of a fall the grid itself takes a good part: that is not asked."""
+        twin = run if self.setup == "tall column" else run.again(setup="tall column")
+        own, bar = cast(PlasticineFall, twin.specimen), twin.clouds["bar"]
+        pull = g * np.sin(np.minimum(twin.t / own.slowly, 1.0) * pi / 2) ** 2
+        return (bar.dissipated + bar.elastic + bar.kinetic)[-1], trapezoid(-pull * bar.momentum[:, 2], twin.t)
 
     @law("τ = τ_Y/√2 where it slides; less where it clings", within=(8e-2, 3e-2, 2e-2), limited_by=GRID,
          source="C. C. Mei & M. Yuhi, J. Fluid Mech. 431 (2001) 135, §2: ρ g h sin θ > τ_Y")  # fmt: skip

@@ -105,6 +105,7 @@ class Plasticine(_Solid):
     """
 
     yield_stress: float = 1e3
+    state: ClassVar[int] = 7
     look: ClassVar[str] = "clay"
 
     def __post_init__(self) -> None:
@@ -128,6 +129,7 @@ class Viscoplastic(_Solid):
 
     yield_stress: float = 1e3
     viscosity: float = 10.0
+    state: ClassVar[int] = 7
     look: ClassVar[str] = "paste"
 
     def __post_init__(self) -> None:

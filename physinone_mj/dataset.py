@@ -366,7 +366,8 @@ def state_digest(run: Run) -> str:
 _SUMS: Final = {
     "mass": ("kg", ""), "centre": ("m", "of mass"), "momentum": ("kg m/s", ""),
     "turning": ("kg m2/s", "angular momentum about the world's origin"), "kinetic": ("J", ""), "elastic": ("J", ""),
-    "volume": ("m3", ""), "low": ("m", "lowest corner of the box around it"), "high": ("m", "highest"),
+    "dissipated": ("J", "work of flow of what yields"), "volume": ("m3", ""),
+    "low": ("m", "lowest corner of the box around it"), "high": ("m", "highest"),
 }  # fmt: skip
 """What a piece of a continuum has at every sample."""
 
@@ -524,7 +525,7 @@ def _read_cloud(get: Callable[..., Any], name: str, samples: int, frames: int) -
     def read(key: str, *shape: int | None) -> Any:
         return get(f"continua/{name}/{key}", *shape)
 
-    sums = {key: read(key, samples) for key in ("mass", "kinetic", "elastic", "volume")}
+    sums = {key: read(key, samples) for key in ("mass", "kinetic", "elastic", "dissipated", "volume")}
     sums |= {key: read(key, samples, 3) for key in ("centre", "momentum", "turning", "low", "high")}
     sums |= {key: float(read(key)) for key in _CONSTANTS}
     if not frames:

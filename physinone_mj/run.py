@@ -48,8 +48,8 @@ class Cloud:
     """A piece of a continuum over time: sums at every sample (T leading), its particles at every frame (F leading).
 
     mass (T,) [kg]; centre (T, 3) of mass [m]; momentum (T, 3) [kg m/s]; turning (T, 3): angular momentum about the
-    world's origin [kg m²/s]; kinetic, elastic (T,) [J]; volume (T,): Σ J V₀ [m³]; low, high (T, 3): corners of the box
-    around it [m]
+    world's origin [kg m²/s]; kinetic, elastic (T,) [J]; dissipated (T,): work of flow of what yields [J]; volume (T,):
+    Σ J V₀ [m³]; low, high (T, 3): corners of the box around it [m]
     particles: position, velocity (F, n, 3) single precision [m, m/s], stretch (F, n): J; present (F,): how many of the
     n are there yet (an inlet adds to them); bulk: volume of one particle at rest [m³]
     numerical_viscosity: dynamic viscosity that the method adds to its own where it is stirred [Pa s]
@@ -61,6 +61,7 @@ class Cloud:
     turning: Array
     kinetic: Array
     elastic: Array
+    dissipated: Array
     volume: Array
     low: Array
     high: Array

@@ -286,7 +286,8 @@ def insane(run: Run) -> list[Record]:
     sums = [
         getattr(cloud, key)
         for cloud in run.clouds.values()
-        for key in ("mass", "centre", "momentum", "turning", "kinetic", "elastic", "volume", "low", "high")
+        for key in ("mass", "centre", "momentum", "turning", "kinetic", "elastic", "dissipated", "volume", "low",
+                    "high")
     ]
     lost = sum(int(np.sum(~np.isfinite(values))) for values in (run.t, run.qpos, run.qvel, *sums))
     if lost:

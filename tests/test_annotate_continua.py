@@ -39,7 +39,7 @@ def cloud(position: Floats, velocity: Floats, stride: int, present: list[int] | 
     nothing, none = np.zeros(frames * stride), np.zeros((frames * stride, 3))
     return Cloud(
         mass=np.full(frames * stride, 7.5), centre=centre, momentum=none, turning=none, kinetic=nothing,
-        elastic=nothing, volume=nothing, low=none, high=none, position=position.astype(np.float32),
+        elastic=nothing, dissipated=nothing, volume=nothing, low=none, high=none, position=position.astype(np.float32),
         velocity=velocity.astype(np.float32), stretch=np.ones((frames, count), np.float32), present=np.array(there),
         bulk=SPACING**3, numerical_viscosity=2.5,
     )  # fmt: skip

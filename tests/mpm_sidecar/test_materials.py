@@ -51,7 +51,7 @@ def respond(material: Any, s: Any, grad: Any, dt: float = 1e-4, precision: Any =
     return after.astype(float), stress.astype(float)
 
 
-def packed(c: Array, state: int = 6) -> Array:
+def packed(c: Array, state: int) -> Array:
     out = np.zeros((len(c), state))
     out[:, :6] = c[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     return out
@@ -139,7 +139,7 @@ def test_plasticine_yields_where_it_says() -> None:
     material = Plasticine()
     assert sheared(material, 1.0, 1e-3, 100)[-1, 0, 1] == pytest.approx(material.yield_stress / math.sqrt(2), rel=1e-3)
     pull = np.diag([1.0, -0.5, -0.5])[None] * 1e-3
-    s = np.zeros((1, 6))
+    s = np.zeros((1, 7))
     for _ in range(100):
         s, stress = respond(material, s, pull)
     assert stress[0, 0, 0] - stress[0, 1, 1] == pytest.approx(math.sqrt(1.5) * material.yield_stress, rel=1e-6)
@@ -233,7 +233,7 @@ def test_stress_is_the_derivative_of_the_energy(material: Any) -> None:
             step = np.zeros((3, 3))
             step[i, j] = h
             slope[i, j] = (stored(f + step) - stored(f - step)) / (2 * h)
-    _, stress = respond(material, packed((f @ f.T - np.eye(3))[None]), np.zeros((1, 3, 3)))
+    _, stress = respond(material, packed((f @ f.T - np.eye(3))[None], material.state), np.zeros((1, 3, 3)))
     assert stress[0] == pytest.approx(slope @ f.T, rel=1e-7, abs=1e-7 * np.abs(slope).max())
 
 
@@ -282,6 +282,23 @@ def test_energy_is_the_work_that_was_done(material: Any) -> None:
     assert materials.energy(material, s) == pytest.approx(work, rel=2e-3)
     assert stretch(material, s) == pytest.approx(np.linalg.det(whole), rel=1e-3)
     assert materials.energy(material, np.zeros((1, material.state))) == 0.0
+
+
+@pytest.mark.parametrize("viscosity", [None, 0.0, 30.0])
+def test_work_is_stored_or_dissipated(viscosity: float | None) -> None:
+    """Along a path on which plasticine, or paste, yields, ∫ τ : ∇v dt is what is stored and what went into flow."""
+    material = Plasticine() if viscosity is None else Viscoplastic(viscosity=viscosity)
+    rng = np.random.default_rng(8)
+    rate = rng.uniform(-1, 1, (20, 3, 3)) * 1e-4
+    rate -= np.trace(rate, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    s, before, work = np.zeros((20, 7)), np.zeros((20, 3, 3)), np.zeros(20)
+    for _ in range(600):
+        s, after = respond(material, s, rate)
+        work += np.einsum("nij,nij->n", (before + after) / 2, rate)
+        before = after
+    spent = materials.dissipated(material, s)
+    assert (spent > 0.3 * work).all()
+    assert materials.energy(material, s) + spent == pytest.approx(work, rel=1e-2)
 
 
 def test_sand_remembers_the_volume_that_it_gained() -> None:
