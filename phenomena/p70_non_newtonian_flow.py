@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi, sin, sqrt
+from math import hypot, pi, sin, sqrt
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -295,6 +295,9 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         if self.drop < self.size / 2 or self.onto == "slope":
             raise NotEvaluated("it falls by less than half of its size, or on a slope")
         cloud, speed = other.clouds["matter"], sqrt(2 * g * self.drop)
+        left = other.t[-1] - sqrt(2 * self.drop / g)
+        if self.grip != "stick" and self.friction * g * left < hypot(self.speed, speed):
+            raise NotEvaluated("what is below may be too smooth to stop it before the end")
         falling = -cloud.momentum[:, 2] / cloud.mass
         fallen = np.interp(sqrt(self.drop / g), other.t, falling) * sqrt(2)
         return [fallen / speed, self.fastest(other)[-8:].mean() / speed], [1.0, 0.0]

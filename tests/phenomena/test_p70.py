@@ -15,6 +15,7 @@ from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
 from physinone_mj.simulate import build, simulate_specimen
 
+from ..conftest import nominal
 from .verdicts import judge_random
 
 
@@ -57,6 +58,14 @@ def test_an_arrested_mound_holds_its_area() -> None:
     profile = cliff / 2 + np.sqrt(cliff**2 / 4 + 2 * kappa * (length - x))
     assert profile.mean() * length == pytest.approx(1.0, rel=1e-5)
     assert profile[0] == pytest.approx(high, rel=1e-3)
+
+
+def test_what_slides_on_is_not_said_to_stop() -> None:
+    """70: a law that judged a stiff lump on a floor without friction, which nothing stops. With the nominal run."""
+    made, stops = nominal(70, DRAFT), NonNewtonianFluidFall.laws()["what_has_fallen_stops"]
+    smooth, rough = (NonNewtonianFluidFall.make(grip="separate", friction=friction) for friction in (0.0, 0.9))
+    assert stops.judge(smooth, made).passed is None
+    assert stops.judge(rough, made).passed
 
 
 @pytest.mark.slow
