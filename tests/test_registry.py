@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -224,3 +226,15 @@ def test_every_kind_can_be_had_by_its_name(index: int) -> None:
                     build(made)
             else:
                 compile(made, build(made), DRAFT)
+
+
+def test_the_readme_lists_what_there_is() -> None:
+    """Every phenomenon by index, label and number of laws, and the sums of both."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    laws = {entry.index: len(phenomenon(entry.index).laws()) for entry in entries()}
+    rows = re.findall(r"^\| (\d+) \| (\w+) \| .+ \| (\d+) \|$", readme, re.MULTILINE)
+    assert {(int(index), label, int(count)) for index, label, count in rows} == {
+        (entry.index, entry.label, laws[entry.index]) for entry in entries()
+    }
+    assert f"The {len(laws)} phenomena" in readme
+    assert f"{sum(laws.values())} laws" in readme
