@@ -26,6 +26,8 @@ SQUASHED: Final = 0.3
 """Largest ρ g h/E (rule R9)."""
 FIRM: Final = 100.0
 """E/τ_Y of a laboratory's matter: no law of theirs knows E, and soft matter takes long steps."""
+DEAD: Final = 0.02
+"""v'²/v² up to which what falls is asked not to jump, v' = σ_y/√(ρ E)."""
 SLENDER: Final = 2.5
 """Height of a column over its width."""
 FELL: Final = 0.4
@@ -193,6 +195,9 @@ class PlasticineFall(Lump, domain="fluids"):
          source="K. L. Johnson, Contact mechanics, §11.4 eq. 11.46-11.48: v' of the order of σ_y/√(ρ E)")  # fmt: skip
     def it_hardly_jumps(self, run: Run) -> Measurement:
         """68e: energy of the fall up to the floor, less that of the centre of mass when it moves up the fastest."""
+        back = self.strength**2 / (self.density * self.young * 2 * g * self.drop)
+        if back > DEAD:
+            raise NotEvaluated(f"what it stores until it yields may bring back {back:.2g} of the energy")
         other, cloud = self.on_floor(run)
         before = np.flatnonzero(cloud.low[:, 2] > 1.2 * NEAR * other.cell)[-1]
         up = cloud.momentum[before:, 2].max()

@@ -86,6 +86,13 @@ def test_work_that_goes_nowhere_is_found_out() -> None:
     assert WORK in failed(damped)
 
 
+def test_what_is_springy_may_jump() -> None:
+    """68e: a lump whose yield stress is a fifteenth of its modulus does, and was judged. With the nominal run."""
+    made, hardly = nominal(68, DRAFT), PlasticineFall.laws()["it_hardly_jumps"]
+    assert hardly.judge(PlasticineFall.make(yield_stress=1e4), made).passed is None
+    assert hardly.judge(PlasticineFall.make(), made).passed
+
+
 @pytest.mark.slow
 def test_the_stronger_the_higher_it_stays() -> None:
     """68: the catalogue's (b)."""
