@@ -574,6 +574,8 @@ class Raster:
         if len(layers) > ROOM_FOR_LAYERS or total > ROOM_FOR_TRIANGLES:
             raise ValueError(f"{len(layers)} layers of matter with {total} triangles; allowed: {ROOM_FOR_LAYERS} with "
                              f"{ROOM_FOR_TRIANGLES}")  # fmt: skip
+        if layers and self._model.nflex:
+            raise ValueError(f"matter beside {self._model.nflex} deformables of MuJoCo's own; allowed: none")
         if total > self._room_for_triangles:
             self._room_for_triangles = 2 * total
             self._make_scenes(_canvas(self._room_for_triangles))
@@ -885,7 +887,8 @@ def _draw_wire(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], coil: Wire, 
 
 def _draw_layer(scene: mujoco.MjvScene, slots: list[mujoco.MjvGeom], first: int, layer: Layer) -> None:
     geom, colour = slots[scene.ngeom], np.array(layer.rgba, np.float32)
-    part = np.array([1e-3, first, len(layer.mesh.triangles)])
+    # of no radius: else the canvas' vertices and edges are drawn too, wherever its memory happens to have them
+    part = np.array([0.0, first, len(layer.mesh.triangles)])
     mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_FLEX, part, np.zeros(3), np.eye(3).ravel(), colour)
     geom.category, geom.objtype = mujoco.mjtCatBit.mjCAT_DYNAMIC, mujoco.mjtObj.mjOBJ_FLEX
     geom.objid = geom.dataid = 0

@@ -345,6 +345,28 @@ def test_many_triangles_then_few_then_many_again(stage):
     assert areas[1] > 10 * areas[0]
 
 
+def test_nothing_is_drawn_that_is_not_there(stage):
+    """Matter is drawn on a canvas of MuJoCo's, whose memory may hold anything."""
+    stage.pose([], layers=piece([ball(5)]).at(0))
+    alike = []
+    for size in (0.0, 0.2):
+        for scene in (stage._colour_scene, stage._matter_scene):
+            scene.flexfaceused[:] = 0
+            scene.flexvert[:9] = (PLACE + size * (np.eye(3) - 1 / 3)).ravel()
+        alike.append((stage.colour(POSE), *stage.depth_and_segmentation(POSE)))
+        assert len(np.unique(alike[-1][2])) == 2
+    assert all(np.array_equal(a, b) for a, b in zip(*alike, strict=True))
+
+
+def test_matter_beside_deformables_is_refused():
+    flex = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" radius=".01" pos="0 0 1"/>'
+    model, ids = staged(f"<mujoco><worldbody>{flex}</worldbody></mujoco>")
+    with Raster(model, (32, 32), ids, sphere=SPHERE) as raster:
+        raster.pose(mujoco.MjData(model).qpos)
+        with pytest.raises(ValueError, match="matter beside 1 deformables"):
+            raster.pose(mujoco.MjData(model).qpos, layers=piece([ball(5)]).at(0))
+
+
 def test_a_still_camera_sees_matter_move_as_a_free_one_does():
     model, ids = staged(CROWD)
     data = mujoco.MjData(model)
