@@ -233,6 +233,14 @@ class Cube:
         pressed = d / self.radius - friction**2 * h * self.radius * (h + d) / (self.reach * s**2)
         return friction * s / (self.reach * pressed)
 
+    def dragged(self, angle: float, rate: float) -> float:
+        """Round the axis, on what turns with a bowl that speeds up, over its mass [m/s²]; it slips as if by so much.
+
+        What lags behind turns about the bowl's axis: m (ρ² + 2 h²/3) α against friction at corners whose mean distance
+        from it is ρ (1 + h²/2ρ²), where ρ is the centre's; hence α √(ρ² + h²/3), to second order in h/ρ.
+        """
+        return rate * sqrt((self.reach * sin(angle)) ** 2 + self.half**2 / 3)
+
     def along(self, angle: float, spin: float) -> float:
         """Down the wall, on what turns with the bowl [m/s²]: gravity less the centrifugal force."""
         return g * sin(angle) - spin**2 * self.reach * sin(angle) * cos(angle)

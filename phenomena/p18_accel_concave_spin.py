@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, inf, pi, sin, sqrt
+from math import cos, hypot, inf, pi, sin, sqrt
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -114,7 +114,7 @@ class AccelConcaveSpin(Phenomenon, domain="mechanics"):
     def stays(self, spin: float, rate: float) -> float:
         """What friction can give the cube less what it must [m/s²]: it slips where this becomes negative."""
         cube, angle = self.cube, self.angle
-        must = sqrt(cube.along(angle, spin) ** 2 + (rate * cube.reach * sin(angle)) ** 2)
+        must = hypot(cube.along(angle, spin), cube.dragged(angle, rate))
         return cube.grip(self.friction) * cube.into(angle, spin) - must
 
     def slip_spin(self, rate: float) -> float:
@@ -202,18 +202,21 @@ class AccelConcaveSpin(Phenomenon, domain="mechanics"):
 
         return threshold(slips, spin, spread=margin, resolution=2 * margin), spin
 
-    @law("(g sin θ)² + (α ρ)² = (μ' g cos θ)²", source="Coulomb's law; Goldstein, Classical Mechanics, 3rd ed., §4.10",
+    @law("(g sin θ)² + α² (ρ² + h²/3) = (μ' g cos θ)²", source="Coulomb's law; Goldstein, Classical Mechanics, 3rd "
+         "ed., §4.10; a cube of half edge h: bowls.Cube.dragged",
          within=(2.01e-2, 1.01e-2, 1.01e-2), limited_by="a bracket: it holds below, slips as far above")  # fmt: skip
     def too_quick_a_start_leaves_it_behind(self, run: Run) -> Measurement:
         """18a: a bowl that starts from rest takes the cube along up to a certain angular acceleration."""
         cube, angle = self.cube, self.angle
         held = cube.grip(self.friction) * g * cos(angle)
         square = held**2 - (g * sin(angle)) ** 2
-        critical = sqrt(max(square, 0.0)) / (cube.reach * sin(angle))
+        critical = sqrt(max(square, 0.0)) / cube.dragged(angle, 1.0)
         if square < held**2 / 4:
             raise NotEvaluated("its weight alone all but moves the cube, which would slip down, not stay behind")
         if cube.tips(self.friction) > 0.8:
             raise NotEvaluated("the cube all but tips over: the formula is that of a slip along the wall")
+        if cube.reach * sin(angle) < sqrt(2) * cube.half:
+            raise NotEvaluated("the cube stands on the axis: the formula is that of one beside it")
         if not 1.0 < critical < 95.0:
             raise NotEvaluated(f"the critical angular acceleration is {critical:.3g} rad/s²; allowed: 1 to 95 rad/s²")
         margin = JERKS[run.fidelity.rank]

@@ -104,6 +104,19 @@ def test_a_cube_that_its_weight_all_but_moves_is_not_judged() -> None:
         law.measure(AccelConcaveSpin.make(friction=0.1395, angle=0.1329), nominal(18, DRAFT))
 
 
+@pytest.mark.parametrize(("edge", "angle", "friction"), [(0.1, 0.08, 0.15), (0.1, 0.12, 0.3)])
+def test_a_cube_beside_the_axis_has_to_turn_itself(edge: float, angle: float, friction: float) -> None:
+    """Where h is .66 and .44 of ρ: as a point it would hold up to 7 and 3 % more."""
+    run = spin(cargo="cube", edge=edge, angle=angle, friction=friction)
+    assert law(run, "too_quick_a_start_leaves_it_behind") == "passed"
+
+
+def test_a_cube_on_the_axis_is_not_judged() -> None:
+    law = AccelConcaveSpin.laws()["too_quick_a_start_leaves_it_behind"]
+    with pytest.raises(NotEvaluated, match="stands on the axis"):
+        law.measure(AccelConcaveSpin.make(friction=0.1, angle=0.06), nominal(18, DRAFT))
+
+
 def test_a_bowl_that_stops_lets_the_cube_slide_back_and_rest() -> None:
     run = spin(cargo="all", first=14.0, top=0.0, rate=6.0, angle=0.8, friction=0.3, rim=1.5)
     theta = polar(run, CUBE, 0.3)
