@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from phenomena.spins import Course, across, azimuth, distance, drift, plan
 from phenomena.turntables import (
     HINGE,
+    TURNING,
     Slide,
     ahead,
     arena,
@@ -20,6 +21,7 @@ from phenomena.turntables import (
     onset,
     slip_spin,
     slip_time,
+    taken_along,
     turntable,
 )
 from physinone_mj.base import Measurement, NotEvaluated, Param, Phenomenon, Refusal, law, observable
@@ -90,7 +92,7 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
     @property
     def slips(self) -> list[float]:
         """When each block slips [s]; 0 if at once, infinite if never."""
-        return [slip_time(self.course, self.friction, r) for r in self.circles]
+        return [slip_time(self.course, self.friction, r, SIZE[0]) for r in self.circles]
 
     def body(self, i: int) -> str:
         """Name of a block, counted inwards."""
@@ -139,6 +141,8 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
         found = [i for i, when in enumerate(self.slips) if 0.1 < when < late and when * self.rate > 0.02 * self.top]
         if not found:
             raise NotEvaluated("no block first rides and then slips while the table speeds up")
+        if SIZE[0] * self.rate > TURNING * self.friction * g:
+            raise NotEvaluated("friction all but fails to turn the blocks themselves")
         return found
 
     @law("Ω_s = ((μ g/r)² - α²)^(1/4)", source="Goldstein, Classical Mechanics, 3rd ed., §4.10 with Coulomb's law",
@@ -147,20 +151,24 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
         """20a: on tables that speed up slowly, a little less and a little more than friction can follow."""
         return critical_spin(run, self.body(0), self.friction, self.radius, blocks=1)
 
-    @law("Ω_s = ((μ g/r)² - α²)^(1/4)", source="Goldstein, Classical Mechanics, 3rd ed., §4.10 with Coulomb's law",
+    @law("r² Ω_s⁴ = (μ g)² - α² (r² + (2h/3)²)", source="Goldstein, Classical Mechanics, 3rd ed., §4.10 with Coulomb's "
+         "law; a block of half side h: turntables.taken_along",
          within=(5e-3, 2e-3, 1e-3), limited_by="slip is read backwards to zero")  # fmt: skip
     def every_block_slips_at_its_own_spin(self, run: Run) -> Measurement:
         """20a: spin of the table at the moment at which the slip of each block began."""
         found = self.slippers(run)
         spins = [float(self.course.spin(onset(run, self.body(i)))) for i in found]
-        expected = [slip_spin(self.friction, self.circles[i], self.rate) for i in found]
+        expected = [slip_spin(self.friction, self.circles[i], self.rate, SIZE[0]) for i in found]
         return np.divide(spins, expected), np.ones(len(found))
 
-    @law("α r = μ g", source="Goldstein, Classical Mechanics, 3rd ed., §4.10 with Coulomb's law",
+    @law("α √(r² + (2h/3)²) = μ g", source="Goldstein, Classical Mechanics, 3rd ed., §4.10 with Coulomb's law; a "
+         "block of half side h: turntables.taken_along",
          within=(5.1e-3, 5.1e-3, 5.1e-3), limited_by="a bracket: it holds at -0.5 %, slips at +0.5 %")  # fmt: skip
     def too_quick_a_start_leaves_it_behind(self, run: Run) -> Measurement:
-        """20a: a table speeding up from rest takes the block along unless α r > μ g: then it slips at once."""
-        critical = self.friction * g / self.radius
+        """20a: a table speeding up from rest takes the block along unless α r > μ g, about: then it slips at once."""
+        critical = self.friction * g / taken_along(self.radius, 1.0, SIZE[0])
+        if SIZE[0] > TURNING * self.radius:
+            raise NotEvaluated(f"the block stands {self.radius:.3g} m from the axis, which it all but covers")
         low, high = (getattr(self.declarations()["rate"][0], end) for end in ("low", "high"))
         if not low < critical * (1 - EDGE) < critical * (1 + EDGE) < high:
             raise NotEvaluated(f"α = {critical:.3g} rad/s² would be needed; allowed: {low:g} to {high:g} rad/s²")
@@ -174,7 +182,7 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
 
         return threshold(slips, critical, spread=EDGE, resolution=2 * EDGE), critical
 
-    @law("rᵢ² (Ωᵢ⁴ + α²) = (μ g)²", source="Coulomb, Théorie des machines simples (1785)",
+    @law("rᵢ² Ωᵢ⁴ + α² (rᵢ² + (2h/3)²) = (μ g)²", source="Coulomb, Théorie des machines simples (1785)",
          within=(5e-3, 2e-3, 1e-3), limited_by="slip is read backwards to zero")  # fmt: skip
     def outer_blocks_slip_first(self, run: Run) -> Measurement:
         """20b: in the order of their distances, and with one friction for all."""
@@ -185,7 +193,8 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
         if sorted(times) != times:
             return np.nan, 1.0
         spins, r = self.course.spin(times), np.array([self.circles[i] for i in found])
-        return r * np.sqrt(spins**4 + self.rate**2) / g / self.friction, np.ones(len(found))
+        needed = np.hypot(r * spins**2, [taken_along(x, self.rate, SIZE[0]) for x in r])
+        return needed / g / self.friction, np.ones(len(found))
 
     @law("Ω_s ∝ √μ for α r ≪ μ g", source="Coulomb, Théorie des machines simples (1785)",
          within=(5e-3, 2e-3, 1e-3), limited_by="slip is read backwards to zero")  # fmt: skip
@@ -197,7 +206,7 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
         if 0 not in twin.specimen.slippers(twin):
             raise NotEvaluated("with less friction the outermost block does not first ride and then slip")
         spins = [float(self.course.spin(onset(r, self.body(0)))) for r in (twin, run)]
-        expected = [slip_spin(part * self.friction, self.radius, self.rate) for part in (0.8, 1.0)]
+        expected = [slip_spin(part * self.friction, self.radius, self.rate, SIZE[0]) for part in (0.8, 1.0)]
         return spins[0] / spins[1], expected[0] / expected[1]
 
     @law("tan φ = α/Ω²", source="Goldstein, Classical Mechanics, 3rd ed., §4.10", unit="rad",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, hypot, inf, pi, sin
+from math import cos, hypot, inf, pi, sin, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -41,6 +41,9 @@ SEEN: Final = 2e-4
 
 SLOW: Final = 0.05
 """Tangential acceleration at which the slip is bracketed, in units of the greatest that friction gives."""
+
+TURNING: Final = 0.3
+"""Part of the friction on a block, with half its side as arm, that may be needed to turn it: h α/(μ g)."""
 
 MARGIN: Final = 2e-3
 """A block must stay on a table speeding up slowly to a spin this much below the critical one, and leave it on one
@@ -106,17 +109,28 @@ def carry(scene: Scene, joint: str, radius: float, azimuth: float, height: float
     scene.speed[joint] = (*(radius * spin * across(out)), 0.0, 0.0, 0.0, spin)
 
 
-def slip_spin(friction: float, radius: float, rate: float) -> float:
-    """Spin that a block on a table speeding up stands [rad/s]: Ω = ((μ g/r)² - α²)^(1/4); 0 if it slips at once."""
-    return float(max((friction * g / radius) ** 2 - rate**2, 0.0) ** 0.25)
+def taken_along(radius: float, rate: float, half: float = 0.0) -> float:
+    """Friction that a block on a table speeding up needs for that, over its mass [m/s²]: α √(r² + (2h/3)²).
+
+    half: h, of the sides of a square block that stands on its corners and has to be turned, too. Limit load of four
+    corners, to second order in h α/(μ g), which has to stay below `TURNING`. Source: S. Goyal, A. Ruina and J.
+    Papadopoulos, Wear 143 (1991) 307: limit surfaces.
+    """
+    return rate * hypot(radius, 2 / 3 * half)
 
 
-def slip_time(course: Course, friction: float, radius: float) -> float:
+def slip_spin(friction: float, radius: float, rate: float, half: float = 0.0) -> float:
+    """Spin that a block on a table speeding up stands [rad/s]: r Ω² = ((μ g)² - a²)^(1/2), where a is what it needs to
+    be `taken_along`; 0 if it slips at once."""
+    return float(max((friction * g) ** 2 - taken_along(radius, rate, half) ** 2, 0.0) ** 0.25 / sqrt(radius))
+
+
+def slip_time(course: Course, friction: float, radius: float, half: float = 0.0) -> float:
     """When a block that rides from the start first slips [s]; infinite if it never does."""
     begins = course.slope if course.ramp > 0 else 0.0
-    if radius * hypot(course.first**2, begins) > friction * g:
+    if hypot(radius * course.first**2, taken_along(radius, begins, half)) > friction * g:
         return 0.0
-    spin = slip_spin(friction, radius, course.rate)
+    spin = slip_spin(friction, radius, course.rate, half)
     return (spin - course.first) / course.rate if course.first <= spin < course.last else inf
 
 

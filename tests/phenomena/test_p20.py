@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from phenomena.p20_accel_surface_spin import AccelSurfaceSpin
 from phenomena.spins import across, azimuth, distance, plan
-from phenomena.turntables import onset
+from phenomena.turntables import onset, taken_along
 from physinone_mj.base import Refusal
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.fidelity import DRAFT
@@ -134,6 +135,34 @@ def test_the_first_slip_trails_and_does_not_lead() -> None:
     assert law(run, name) == "passed"
     slow = turn(blocks=4, first=5.4852, rate=0.1472, top=6.5988, radius=0.3805, friction=0.6598)
     assert law(slow, name) == "not evaluated"
+
+
+@pytest.mark.parametrize(("away", "needed"), [(0.1, 0.9978), (0.2, 0.9914), (0.3, 0.9813)])
+def test_four_corners_hold_what_their_limit_load_says(away: float, needed: float) -> None:
+    """Part of μ g that is left for α r, against the slip of a square about that point for which forces balance."""
+    corners = away * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+
+    def friction(arm: float) -> tuple[float, float]:
+        """Force and moment about the centre of a slip about a point so far from it."""
+        slip = np.column_stack([corners[:, 1] + arm, -corners[:, 0]])
+        pull = slip / np.linalg.norm(slip, axis=1, keepdims=True) / 4
+        return pull[:, 0].sum(), (corners[:, 1] * pull[:, 0] - corners[:, 0] * pull[:, 1]).sum()
+
+    arm = brentq(lambda a: friction(a)[1] / friction(a)[0] - 2 / 3 * away**2, 1.0, 3.0)
+    assert friction(arm)[0] == pytest.approx(needed, abs=1e-4)
+    assert 1 / taken_along(1.0, 1.0, away) == pytest.approx(needed, abs=1e-3)
+
+
+@pytest.mark.parametrize(("radius", "friction"), [(0.15, 0.08), (0.12, 0.06)])
+def test_a_block_near_the_axis_has_to_turn_itself(radius: float, friction: float) -> None:
+    """As a point it would hold 1.1 and 1.8 % more: more than twice what the law lets pass."""
+    run = turn(radius=radius, friction=friction, blocks=1)
+    assert law(run, "too_quick_a_start_leaves_it_behind") == "passed"
+
+
+def test_a_block_that_all_but_covers_the_axis_is_not_judged() -> None:
+    run = turn(radius=0.1, friction=0.05, blocks=1)
+    assert law(run, "too_quick_a_start_leaves_it_behind") == "not evaluated"
 
 
 def test_what_long_steps_carry_ahead_is_no_slip() -> None:
