@@ -4,8 +4,8 @@
 Both programs advance the same cloud in the same process, taking turns; the ratio is the median over the turns, so that
 a busy machine slows both alike. Times are the processor's. The textbook: one dense grid, cleared at every step, atomic
 additions, the deformation gradient, `ti.svd` where a material is plastic. Targets, as ratios with one thread in single
-precision: 6 elastic and Newtonian, 5 plastic. The ratio depends on the machine, as it is memory that the textbook waits
-for: on 64³ that of elastic matter is 5.7 to 6.1 from run to run where a core copies 16 to 19 GB/s.
+precision: 6 elastic and Newtonian, 5 plastic. The ratio depends on the machine, as it is memory that the textbook
+waits for.
 
 What a second thread brings is read off the clock, by processes of one and of two threads that take turns, the median of
 their ratios; beside it what the machine can give, two processes of one thread each at the same time over one alone. The
