@@ -185,8 +185,9 @@ class AccelConcaveSpin(Phenomenon, domain="mechanics"):
         """What is in the bowl."""
         return [body for body in (BALL, CUBE) if body in run.bodies()]
 
-    @law("√((g sin θ - Ω² ρ cos θ)² + (α ρ)²) = μ' (g cos θ + Ω² ρ sin θ)", source="Coulomb's law; Goldstein, "
-         "Classical Mechanics, 3rd ed., §4.10; μ' → μ for a small cube: statics on four corners, bowls.Cube.grip",
+    @law("(g sin θ - Ω² ρ cos θ)² + α² (ρ² + h²/3) = μ'² (g cos θ + Ω² ρ sin θ)²", source="Coulomb's law; Goldstein, "
+         "Classical Mechanics, 3rd ed., §4.10; μ' → μ for a small cube: statics on four corners, bowls.Cube.grip; half "
+         "edge h: bowls.Cube.dragged",
          within=(1.01e-2, 5.1e-3, 3.1e-3), limited_by="a bracket: it holds below, slips as far above")  # fmt: skip
     def cube_slips_up_at_the_critical_spin(self, run: Run) -> Measurement:
         """18a: in bowls that speed up slowly, a little less and a little more than friction can follow."""
