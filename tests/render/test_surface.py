@@ -359,7 +359,8 @@ def test_nothing_is_drawn_that_is_not_there(stage):
 
 
 def test_matter_beside_deformables_is_refused():
-    flex = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" radius=".01" pos="0 0 1"/>'
+    size = 'count="3 3 1" spacing=".1 .1 .1" radius=".01"'
+    flex = f'<flexcomp name="cloth" type="grid" dim="2" rigid="true" {size}/>'
     model, ids = staged(f"<mujoco><worldbody>{flex}</worldbody></mujoco>")
     with Raster(model, (32, 32), ids, sphere=SPHERE) as raster:
         raster.pose(mujoco.MjData(model).qpos)
