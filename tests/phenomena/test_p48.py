@@ -152,6 +152,24 @@ def test_a_fast_block_falls_off_the_table() -> None:
     assert law(run, "block_slides_on") == "passed"
 
 
+GENTLE = {"torque": 0.073, "radius": 0.044, "ratio": 4.17, "slider": 1.5, "guide": 5.3, "block": 2.9, "friction": 0.84}
+
+
+def test_a_gentle_meeting_is_no_failure_but_a_slow_slider_is() -> None:
+    run = crank(**GENTLE, speed=3.1, place=0.05, turns=1)
+    one: CrankPush = run.specimen
+    assert not run.impacts
+    found = one.laws()["slider_is_as_fast_as_the_crank_makes_it"]
+    assert found.error(*found.measure(one, run))[0] < 5e-4
+    slow = with_slider(run, one.slider_place(run), 0.98 * one.slider_speed(run))
+    assert law(slow, "slider_is_as_fast_as_the_crank_makes_it") == "failed"
+
+
+def test_friction_that_takes_next_to_nothing_is_not_measured() -> None:
+    assert law(crank(guide=0.1, turns=1), "work_of_the_motor_goes_into_friction") == "not evaluated"
+    assert law(crank(guide=1.0, turns=1), "work_of_the_motor_goes_into_friction") == "passed"
+
+
 def test_a_rod_shorter_than_twice_the_crank_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"ratio = 1\.04 is out of range; allowed: 2 to 6"):
         CrankPush.make(ratio=1.04)
