@@ -38,6 +38,8 @@ DEEPEST = 3.0
 LONGEST = 6.0
 """Greatest length of the track [m]."""
 
+TAUT = "the rope goes taut within a step: second order"
+
 BALL, LEFT, RIGHT = "ball/ball", "left/glider", "right/glider"
 
 
@@ -226,7 +228,7 @@ class ElasticCouple(Phenomenon, domain="mechanics"):
         return float(times[0]), float(distances[0])
 
     @law("D = L₀ + x, x = (m g + √((m g)² + 2 k m g L₀))/k", source="Landau & Lifshitz, Mechanics, §6 (energy)",
-         within=(2e-4, 1e-5, 1e-6))  # fmt: skip
+         within=(2e-4, 1e-5, 1e-6), limited_by=TAUT)  # fmt: skip
     def falls_as_deep_as_the_energy_goes(self, run: Run) -> Measurement:
         """26a: the lowest point of the ball below where it is let go."""
         specimen, one = self.twin(run, "hook")
@@ -270,7 +272,7 @@ class ElasticCouple(Phenomenon, domain="mechanics"):
         return total, np.full_like(total, specimen.mass * specimen.speed)
 
     @law("t = √(2 L₀/g) + (π/2 + atan(g/(ω v)))/ω, v = √(2 g L₀), ω = √(k/m)", within=(2e-4, 1e-5, 1e-6),
-         source="Landau & Lifshitz, Mechanics, §21 eq. 21.8")  # fmt: skip
+         source="Landau & Lifshitz, Mechanics, §21 eq. 21.8", limited_by=TAUT)  # fmt: skip
     def is_lowest_when_it_should(self, run: Run) -> Measurement:
         """26d: time from the release to the lowest point."""
         specimen, one = self.twin(run, "hook")

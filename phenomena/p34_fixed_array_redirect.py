@@ -117,6 +117,8 @@ class FixedArrayRedirect(Phenomenon, domain="optics"):
     def route(self) -> Layout:
         """Mirrors in two rows along x, each facing half-way between the one before and the one after."""
         n = self.mirrors
+        if n < 1:
+            raise Refusal("R12", f"mirrors = {n}: nothing to reflect the beam; allowed: 1 or more")
         k = np.arange(n + 2)
         places = np.stack([k * self.step, np.where(k % 2, 0.0, -2 * self.spread), np.full(n + 2, HEIGHT)], axis=1)
         places[1 : n + 1] += np.random.default_rng(self.pattern).uniform(-0.05, 0.05, (n, 3))

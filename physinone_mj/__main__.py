@@ -199,7 +199,7 @@ def show(which: Annotated[str, typer.Argument(metavar="N", help="Index or label.
     notes = []
     for law in laws:
         unit = f" {law['unit']}" if law["unit"] else ""
-        obeyed.add_row(law["name"], law["equation"], *(f"{w:.0e}{unit}" for w in law["within"].values()), law["source"])
+        obeyed.add_row(law["name"], law["equation"], *(f"{w:.2g}{unit}" for w in law["within"].values()), law["source"])
         notes += [f"{law['name']}, limited by: {law['limited_by']}"] if law["limited_by"] else []
     say(f"{cls.index} {cls.label} ({cls.domain}): {cls.title}", settable, recorded, obeyed, *notes)
 
@@ -210,7 +210,9 @@ def run(
     assignments: Set = None,
     sample: Annotated[bool, typer.Option("--sample", help="Draw what is not set at random, by the seed.")] = False,
     seed: Annotated[int, typer.Option(help="Cameras, and what --sample draws.")] = 0,
-    fidelity: FidelityName = "standard",
+    fidelity: Annotated[
+        str | None, typer.Option(metavar="NAME", help="draft, standard (if not given) or reference.")
+    ] = None,
     tolerance: Annotated[
         float | None, typer.Option(help="Instead of --fidelity: the cheapest setting at which all laws err by less.")
     ] = None,
@@ -239,8 +241,8 @@ def run(
     from .registry import phenomenon
 
     jobs = []
-    preset = fidelity_named(fidelity)
-    if tolerance is not None and fidelity != "standard":
+    preset = fidelity_named(fidelity or "standard")
+    if tolerance is not None and fidelity is not None:
         raise BadInput(f"--tolerance {tolerance} with --fidelity {fidelity}; allowed: one of the two")
     wanted = tuple(word.strip() for word in modalities.split(","))
     traced = paths(renderer, samples)
@@ -363,6 +365,7 @@ def trade(
 ) -> None:
     """Measure error against cost: every law, from coarse settings to fine ones, over the parameters' ranges."""
     from . import trade as tool
+    from .checks import read_journal
     from .registry import entries
 
     if not 0 <= specimens <= 10_000 or not 0 <= seed < 2**63:
@@ -381,7 +384,8 @@ def trade(
         return
     rungs = [(index, seed, number, study and number == 0) for number in range(specimens + 1) for index in meant]
     with as_typed():
-        table = tool.tabulate(tool.measure(rungs, records))
+        read_journal(records)
+    table = tool.tabulate(tool.measure(rungs, records))
     write_tables(before, table, tool.page, table_file, report)
     if csv:
         write_csv(csv, tool.rows(table))
@@ -419,21 +423,13 @@ def write_tables(
     report: Path | None,
 ) -> None:  # fmt: skip
     """Those that were asked for, with what the table said before of other phenomena."""
+    from .checks import put_in_place
+
     table = dict(sorted((before | table).items(), key=lambda entry: int(entry[0])))
     if table_file:
         put_in_place(table_file, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
     if report:
         put_in_place(report, page(table))
-
-
-def put_in_place(file: Path, text: str) -> None:
-    """Write a file whole or not at all: what it held took hours to measure, and the disk may be full."""
-    partial = file.with_name(f".{file.name}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(file)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def complain_of(problems: Sequence[str]) -> None:
@@ -553,6 +549,7 @@ def stress(
 ) -> None:
     """Try every corner of the parameters' ranges, and beyond; exit code 1 if a range promises what does not hold."""
     from . import stress as tool
+    from .checks import read_journal
     from .registry import entries
 
     if not 0 <= latin <= 10_000 or not 0 <= seed < 2**63:
@@ -564,7 +561,8 @@ def stress(
     meant = [entry.index for entry in (chosen(which) if which else entries())]
     todo = [task for index in meant for task in tool.tasks(index, seed, latin, within, pushed)]
     with as_typed():
-        table = tool.tabulate(tool.measure(todo, records))
+        read_journal(records)
+    table = tool.tabulate(tool.measure(todo, records))
     write_tables(before, table, tool.page, table_file, report)
     if as_json:
         say_json(table)

@@ -133,7 +133,8 @@ class Law:
 
     within: the largest error at DRAFT, STANDARD and REFERENCE; relative to the largest expected value, or absolute in
         `unit` if one is given
-    limited_by: the known defect of the model at which the error stops shrinking
+    limited_by: the known defect of the model at which the error stops shrinking, or why it shrinks more slowly than
+        the integrator's order: something happens within a step
     """
 
     name: str

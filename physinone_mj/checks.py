@@ -116,13 +116,23 @@ def read_journal(path: Path) -> dict[Any, Any]:
     known: dict[Any, Any] = {}
     lines = path.read_text(encoding="utf-8").split("\n")
     if lines[-1]:
-        path.write_text("\n".join([*lines[:-1], ""]), encoding="utf-8")
+        put_in_place(path, "\n".join([*lines[:-1], ""]))
     for line in lines[:-1]:
         version, task, result = json.loads(line)
         if version != __version__:
             raise ValueError(f"{path}: measured with version {version}; allowed: {__version__}, or another file")
         known[tuple(task)] = result
     return known
+
+
+def put_in_place(file: Path, text: str) -> None:
+    """Write a file whole or not at all: what it held took hours to measure, and the disk may be full."""
+    partial = file.with_name(f".{file.name}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(file)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _begin(threads: int) -> None:
@@ -154,7 +164,7 @@ def report(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) -> str:
         for law in group:
             unit = f" {law['unit']}" if law["unit"] else ""
             equation = law["equation"].replace("|", "\\|")
-            error, tolerance = figure(law["error"], ".1e") + unit, figure(law["tolerance"], ".0e") + unit
+            error, tolerance = figure(law["error"], ".1e") + unit, figure(law["tolerance"], ".2g") + unit
             lines.append(f"| {law['law'].replace('_', ' ')} | {equation} | {figure(law['measured'], '.8g')} | "
                          f"{figure(law['expected'], '.8g')} | {error} | {tolerance} | {law['verdict']} |")  # fmt: skip
             notes += [f"- {law['law'].replace('_', ' ')}: source: {law['source']}" + (

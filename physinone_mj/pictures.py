@@ -26,10 +26,12 @@ from .trade import calibrate
 Picture = NDArray[np.uint8]
 
 RASTER: Final[tuple[tuple[str, dict[str, int]], ...]] = (
-    ("no multisamples, no shadows", {"samples": 0, "shadow": 0}), ("4 multisamples, no shadows", {"shadow": 0}),
-    ("no multisamples", {"samples": 0}), ("2 multisamples", {"samples": 2}), ("4 multisamples, coarse shadows",
-    {"shadow": 512}), ("4 multisamples (default)", {}), ("8 multisamples", {"samples": 8}),
+    (", no shadows", {"samples": 0, "shadow": 0}), (", no shadows", {"shadow": 0}), ("", {"samples": 0}),
+    (", coarse shadows", {"shadow": 512}), (" (default)", {}), ("", {"samples": 2}), ("", {"samples": 8}),
+    ("", {"samples": 16}),
 )  # fmt: skip
+"""What is said of them beside their multisamples. A driver may give others than it is asked for, or the same again:
+those are left out."""
 COARSER: Final = (2, 4)
 """Parts of the size at which it is drawn, too, and enlarged."""
 FINER: Final = 4
@@ -58,10 +60,10 @@ def measure(index: int, *, size: int, paths: Sequence[int] = PATHS, many: int = 
     frame = len(blank.qpos) // 2
     pose = film.plan_views(blank, job.rng(1), count=1)[0].at(frame)
 
-    def drawn(side: int, **quality: int) -> tuple[Picture, float]:
+    def drawn(side: int, **quality: int) -> tuple[Picture, float, int]:
         with blank.raster((side, side), **quality) as raster:
             blank.put(raster, frame)
-            return clocked(lambda: raster.colour(pose))
+            return *clocked(lambda: raster.colour(pose)), raster.multisamples
 
     def traced(count: int) -> tuple[Picture, float]:
         with blank.raster((size, size)) as raster:
@@ -74,13 +76,17 @@ def measure(index: int, *, size: int, paths: Sequence[int] = PATHS, many: int = 
     return [*_rasters(drawn, size), *_paths(traced, paths, many)]
 
 
-def _rasters(drawn: Callable[..., tuple[Picture, float]], size: int) -> Iterator[dict[str, Any]]:
-    fine, _ = drawn(FINER * size, samples=8, shadow=FINEST_SHADOWS)
+def _rasters(drawn: Callable[..., tuple[Picture, float, int]], size: int) -> Iterator[dict[str, Any]]:
+    fine, _, _ = drawn(FINER * size, samples=8, shadow=FINEST_SHADOWS)
     truth = np.asarray(cv2.resize(fine, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
-    for name, quality in RASTER:
-        yield _record("raster", name, *drawn(size, **quality), truth)
+    known = set()
+    for about, quality in RASTER:
+        picture, cost, given = drawn(size, **quality)
+        if (given, quality.get("shadow")) not in known:
+            known.add((given, quality.get("shadow")))
+            yield _record("raster", f"{given or 'no'} multisamples{about}", picture, cost, truth)
     for part in COARSER:
-        small, cost = drawn(size // part)
+        small, cost, _ = drawn(size // part)
         large = np.asarray(cv2.resize(small, (size, size), interpolation=cv2.INTER_CUBIC), np.uint8)
         yield _record("raster", f"1/{part} of the size, enlarged", large, cost, truth)
 

@@ -268,7 +268,8 @@ def _judged(what: Phenomenon, run: Run) -> Record:
             wrong.append(_wrong(f"overlap{where} of {whose}", deep, within[run.fidelity.rank]))
     return {
         "outcome": "broken" if wrong else "sound", "wrong": wrong, "laws": ratios, "silent": silent,
-        "energy": energy, "unjudged": unjudged, "overlap": overlap[0], "crowded": crowded[0],
+        "energy": energy, "unjudged": unjudged,
+        "overlap": overlap[0] if run.model.npair else None, "crowded": crowded[0] if run.model.npair else None,
         "eased": dict(run.eased),
     }  # fmt: skip
 
@@ -505,21 +506,24 @@ def unused(cls: type[Phenomenon]) -> list[str]:
     contexts += [cls.sample(np.random.default_rng(n)) for n in range(_CONTEXTS)]
     left = dict.fromkeys(declared)
     for context in contexts:
-        base = described(context) if left else b""
-        for name in list(left):
-            if any(described(other) != base for other in _others(context, name)):
+        base = described(context) if left else None
+        for name in list(left) if base else ():
+            if any(described(other) not in (base, None) for other in _others(context, name)):
                 del left[name]
 
-    def expected(what: Phenomenon) -> list[float | None] | str:
+    def expected(what: Phenomenon) -> list[float | None] | None:
         try:
             run = simulate_specimen(what, fidelity=DRAFT)
             return [verdict.record()["expected"] for verdict in run.check()]
-        except Exception as why:  # likewise
-            return _line(why)
+        except Exception:  # likewise
+            return None
 
     if left:
         known = expected(nominal)
-        left = {name: None for name in left if all(expected(other) == known for other in _others(nominal, name))}
+        left = {
+            name: None for name in left
+            if all(expected(other) in (known, None) for other in _others(nominal, name))
+        }  # fmt: skip
     return list(left)
 
 
@@ -530,13 +534,14 @@ def _others(what: Phenomenon, name: str) -> list[Phenomenon]:
     return [other for value in values if (other := what.altered(**{name: value})) != what]
 
 
-def described(what: Phenomenon) -> bytes:
-    """A digest of all that is in the specimen's scene, but not of how it is resolved; of what keeps it from being."""
+def described(what: Phenomenon) -> bytes | None:
+    """A digest of all that is in the specimen's scene, but not of how it is resolved; None if there is no such scene:
+    a refusal that names a parameter does not yet use it."""
     try:
         scene = build(what)
         model = compile(what, scene, DRAFT).model
-    except Exception as why:  # `examine` tells it of a specimen
-        return _line(why).encode()
+    except Exception:  # `examine` tells it of a specimen
+        return None
     model.opt.timestep = 1.0
     raw = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, raw)
@@ -621,8 +626,9 @@ def _table(cls: type[Phenomenon], records: Sequence[tuple[str, Record]]) -> dict
         "undecided": [law for law, times in silent.items() if times == len(judged)],
         "energy": max((r["energy"] for r in judged if r["energy"] is not None), default=None),
         "unjudged": sorted({r["unjudged"] for r in judged if r["unjudged"]}),
-        "overlap": max((r["overlap"] for r in judged), default=None),
-        "crowded": max((r["crowded"] for r in judged), default=None),
+        "overlap": max((r["overlap"] for r in judged if r["overlap"] is not None), default=None),
+        "crowded": max((r["crowded"] for r in judged if r["crowded"] is not None), default=None),
+        "unfinished": [_defect(r) for r in specimens if r["outcome"] == "unfinished"],
         "eased": dict(sum((Counter(r["eased"]) for r in judged), Counter())),
         "parameters": parameters,
         "cases": [{"name": r["case"], "expected": r["expected"], "found": ending(r)} for r in cases],
@@ -660,7 +666,8 @@ def page(table: Mapping[str, Any]) -> str:
         f"to meet), their edges and a Latin hypercube, at {usual} fidelity, unless another stands there. Refused are "
         "combinations that say so before they start; broken, unstable and crashed ones would be defects. The worst law "
         "is the one with the largest error over its tolerance. Energy: its largest rise over the scene's; a dash where "
-        "work is done that nobody accounts for. Overlap: of two surfaces, over the smaller's radius; allowed: "
+        "work is done that nobody accounts for. Overlap: of two surfaces, at the times of pictures, over the smaller's "
+        "radius; a dash where no two bodies can touch; allowed: "
         f"{OVERLAP[1]:g} (at draft {OVERLAP[0]:g}), and in a crowd, where many impacts come at once, {CROWDED[1]:g} "
         f"({CROWDED[0]:g}).", "",
         "| phenomenon | specimens | " + " | ".join(OUTCOMES) + " | worst law | energy | overlap | in a crowd |",
@@ -687,6 +694,7 @@ def page(table: Mapping[str, Any]) -> str:
         if entry.get("undecided"):
             laws = ", ".join(law.replace("_", " ") for law in entry["undecided"])
             lines += [f"Decided by none of these runs: {laws}.", ""]
+        lines += [f"- {unfinished}" for unfinished in entry["unfinished"]] + [""] * bool(entry["unfinished"])
         if entry.get("eased"):
             eased = ", ".join(f"{count} {how}" for how, count in entry["eased"].items())
             lines += [f"Contact problems that could not be solved as they were: {eased}.", ""]

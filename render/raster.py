@@ -610,6 +610,11 @@ class Raster:
         self._update(eye, self._colour_scene, self._colour_options, head)
         return self._render(eye, self._colour_scene, buffers)[0]
 
+    @property
+    def multisamples(self) -> int:
+        """Of the colour picture, as the driver gave them; 0 is none."""
+        return int(self._colour.offSamples)
+
     @cached_property
     def _colour(self) -> mujoco.MjrContext:
         """For colour pictures; made when the first one is asked for."""

@@ -24,12 +24,29 @@ def test_likeness_of_what_is_alike() -> None:
 def test_finer_is_nearer() -> None:
     """A pendulum's picture: multisamples, shadows and size each bring something; and the finest costs more."""
     found = {r["setting"]: r for r in pictures.measure(46, size=128, paths=())}
-    best = found["8 multisamples"]
+    best = found["4 multisamples (default)"]
     for worse in ("no multisamples", "no multisamples, no shadows", "1/4 of the size, enlarged"):
         assert found[worse]["psnr"] < best["psnr"]
         assert found[worse]["ssim"] < best["ssim"]
-    assert found["4 multisamples, no shadows"]["psnr"] < found["4 multisamples (default)"]["psnr"]
+    assert found["4 multisamples, no shadows"]["psnr"] < best["psnr"]
     assert all(r["cost"] > 0 for r in found.values())
+
+
+def test_what_the_driver_gives_is_said_and_not_said_twice() -> None:
+    """A driver that has but 4 multisamples: 2, 8 and 16 of them are no settings of their own."""
+    asked = []
+
+    def drawn(side: int, samples: int = 4, shadow: int | None = None) -> tuple[pictures.Picture, float, int]:
+        asked.append((side, samples, shadow))
+        return np.zeros((side, side, 3), np.uint8), 1.0, 4 if samples else 0
+
+    settings = [record["setting"] for record in pictures._rasters(drawn, 16)]
+    assert settings == [
+        "no multisamples, no shadows", "4 multisamples, no shadows", "no multisamples",
+        "4 multisamples, coarse shadows", "4 multisamples (default)", "1/2 of the size, enlarged",
+        "1/4 of the size, enlarged",
+    ]  # fmt: skip
+    assert (16, 16, None) in asked
 
 
 @pytest.mark.parametrize("size", [8, 2048])

@@ -460,6 +460,30 @@ def test_a_parameter_that_nothing_depends_on_is_found(monkeypatch: pytest.Monkey
     assert stress.unused(other(__annotations__={"idle": idle}, idle=1.5, known=of_a_law)) == []
 
 
+def test_a_parameter_that_is_only_refused_is_noticed() -> None:
+    """What a refusal names is not yet in the scene."""
+
+    def build(self: Any, scene: Scene) -> None:
+        if self.idle > 1.9:
+            raise Refusal("R12", f"idle = {self.idle}; allowed: 1.9 or less")
+        Bounce.build(self, scene)
+
+    idle = Annotated[float, Param("1", 1.0, 2.0, "does nothing")]
+    assert stress.unused(other(__annotations__={"idle": idle}, idle=1.5, build=build)) == ["idle"]
+
+
+def test_the_shipped_table_is_of_these_ranges() -> None:
+    table = fidelity.measured("stability")
+    assert [int(index) for index in table] == [entry.index for entry in registry.entries()]
+    assert stress.problems(table) == []
+    for index, entry in table.items():
+        declared = phenomenon(int(index)).declarations()
+        numbers = {name: (p.unit, p.low, p.high) for name, (p, _) in declared.items() if isinstance(p, Param)}
+        assert {name: (p["unit"], p["low"], p["high"]) for name, p in entry["parameters"].items()} == numbers
+        assert entry["worst"] is None or entry["worst"][0] in phenomenon(int(index)).laws()
+        assert entry["outcomes"]["sound"] > 0
+
+
 @pytest.mark.parametrize("index", [10, 22, 46])
 def test_every_parameter_is_used(index: int) -> None:
     """Those of 22 only in some of its variants."""
