@@ -104,6 +104,8 @@ class AccelSurfaceSpin(Phenomenon, domain="mechanics"):
 
     def build(self, scene: Scene) -> None:
         """The table in its court, and blocks at several distances from the axis, turning with it."""
+        if self.blocks > len(CIRCLES):
+            raise Refusal("R12", f"blocks = {self.blocks}; allowed: {len(CIRCLES)}, a circle for each")
         if self.blocks > 1 and self.circles[-1] < NEAREST:
             raise Refusal("R1", f"radius = {self.radius:.4g} m: {self.blocks} blocks stand too near to the axis; "
                           f"allowed: {NEAREST / CIRCLES[self.blocks - 1]:.4g} m")  # fmt: skip

@@ -138,6 +138,7 @@ CASES: Final = (
     Case("a thick jet", 69, {"setup": "pour", "viscosity": 200.0}),
     Case("sand poured on a slope", 71, {"setup": "pour", "onto": "slope", "tilt": 0.7}),
     Case("soft rubber from high up", 67, {"young": 1e4, "drop": 1.0, "size": 0.25, "density": 3000.0}, "R9"),
+    Case("soft rubber, squeezed by all that is allowed", 67, {"young": 2e4, "drop": 0.41, "size": 0.2, "poisson": 0.2}),
     Case("stiff and light, at the grid's time step", 67, {"young": 1e6, "density": 500.0}),
     Case("a thousandfold stiffer than the grid's time step allows", 67, {"young": 1e12}, "R10"),
 )

@@ -484,6 +484,15 @@ def test_the_shipped_table_is_of_these_ranges() -> None:
         assert entry["outcomes"]["sound"] > 0
 
 
+@pytest.mark.parametrize(
+    ("index", "values", "rule"),
+    [(20, {"blocks": 8}, "R12"), (34, {"mirrors": 0}, "R12"), (50, {"sticks": 0}, "model"), (49, {"rows": 0}, "model")],
+)
+def test_where_there_is_no_such_scene_it_is_refused(index: int, values: dict[str, int], rule: str) -> None:
+    record = examined(stress.specimen(phenomenon(index), values))
+    assert (record["outcome"], record["rule"]) == ("refused", rule), record["line"]
+
+
 @pytest.mark.parametrize("index", [10, 22, 46])
 def test_every_parameter_is_used(index: int) -> None:
     """Those of 22 only in some of its variants."""
