@@ -46,7 +46,7 @@ laws: $(READY)  ## every law, measured: docs/laws.md at reference fidelity, docs
 	$(BIN)/physinone check 1-66 --fidelity reference --report docs/laws.md
 	$(BIN)/physinone check 67-71 --report docs/laws-matter.md
 
-trade: $(READY)  ## docs/trade.md and what --tolerance reads: error against cost (half an hour; it goes on where it was)
+trade: $(READY)  ## docs/trade.md and what --tolerance reads: error against cost (two hours; it goes on where it was)
 	$(BIN)/physinone trade --study --report docs/trade.md --table physinone_mj/measured/trade.json
 
 stability: $(READY)  ## docs/stability.md and what show reads: the extremes (hours; it goes on where it was stopped)
