@@ -250,7 +250,7 @@ class ElasticCouple(Phenomenon, domain="mechanics"):
         return np.concatenate([*found, pushes]), np.concatenate([*expected, np.zeros_like(pushes)])
 
     @law("x = v₀ √(m_r/k), t = π √(m_r/k), m_r = m₁ m₂/(m₁ + m₂)", within=(5e-4, 5e-5, 5e-6),
-         source="Landau & Lifshitz, Mechanics, §13 eq. 13.4 and §21 eq. 21.6")  # fmt: skip
+         source="Landau & Lifshitz, Mechanics, §13 eq. 13.4 and §21 eq. 21.6", limited_by=TAUT)  # fmt: skip
     def two_tied_bodies_swing_half_a_period(self, run: Run) -> Measurement:
         """26c: greatest stretch, and the time from the rope's tightening to its slackening."""
         specimen, one = self.twin(run, "glider")

@@ -12,6 +12,7 @@ For study the nominal specimen is also advanced in each other way that the engin
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -29,6 +30,7 @@ from .base import NotEvaluated, ParameterError, Phenomenon, Refusal
 from .checks import journal
 from .fidelity import DRAFT, SAFETY, Fidelity
 from .registry import phenomenon
+from .run import Run
 from .simulate import OURS, Engine, UnstableScene, build, compile, simulate_specimen
 from .terminal import ENDLESS, error_figure, figure
 
@@ -50,6 +52,8 @@ GAIN: Final = 0.7
 """An error that is not smaller than this, over that of the setting before, has stopped shrinking."""
 SLOWER: Final = 0.3
 """By which a law's order of convergence may fall short of the integrator's."""
+_SHRINKS: Final = 1.2
+"""By which an error that converges is less, at least, than that of half as fine a setting: with order 1/4."""
 _LOOP: Final = 20_000
 _BALLS: Final = """
 <mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0"/><geom size=".1" pos="0 0 -1"/>
@@ -110,7 +114,11 @@ def attempt(what: Phenomenon, setting: Fidelity, engine: Engine = OURS) -> Recor
     record["state"] = [*run.qpos[len(run) // 4], *run.qpos[len(run) // 2]]
     errors: dict[str, float | None] = {}
     silent: dict[str, str] = {}
+    steps: dict[str, float] = {}
+    twins = _Twins()
+    run = dataclasses.replace(run, _repeats=twins)
     for law in what.laws().values():
+        twins.asked.clear()
         try:
             error = law.error(*law.measure(what, run))[0]
         except (NotEvaluated, Refusal, UnstableScene, ParameterError) as why:
@@ -122,7 +130,21 @@ def attempt(what: Phenomenon, setting: Fidelity, engine: Engine = OURS) -> Recor
             errors[law.name], silent[law.name] = None, f"{type(why).__name__}: {why}"
         else:
             errors[law.name] = error if math.isfinite(error) else ENDLESS
-    return record | {"errors": errors, "silent": silent}
+            steps[law.name] = max(twins.asked, default=run.step)
+    return record | {"errors": errors, "silent": silent, "law_steps": steps}
+
+
+class _Twins(dict[Any, Run]):
+    """The repeats of a run, with the steps of those that are asked for: of a law's twins, not of the scene itself."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[float] = []
+
+    def __getitem__(self, key: Any) -> Run:
+        twin = super().__getitem__(key)
+        self.asked.append(twin.step)
+        return twin
 
 
 Rung: TypeAlias = "tuple[int, int, int, bool]"
@@ -134,7 +156,7 @@ def climb(rung: Rung) -> list[Record]:
     index, seed, number, study = rung
     cls = phenomenon(index)
     what, settings = specimen(cls, seed, number), ladder(cls)
-    simulate_specimen(cls.make(), fidelity=settings[0])  # compilers do their work before anything is timed
+    attempt(cls.make(), settings[0])  # compilers do their work before anything is timed
     head = {"index": index, "seed": seed, "specimen": number, "values": what.values()}
     records: list[Record] = []
     for setting in settings:
@@ -178,7 +200,7 @@ def measure(rungs: Sequence[Rung], path: Path) -> list[Record]:
 def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | None:
     """Observed order of convergence: slope of log error against log fineness (1/step, 1/cell) while the error shrinks.
 
-    Over the longest stretch in which each error is less than half of the one before and above round-off, without its
+    Over the longest stretch in which each error is clearly less than the one before and above round-off, without its
     end if that is clearly flatter, nor a beginning that is (steps too long for the limit); None if these are not three
     settings. Where something happens within a step, a release or a rope that goes taut, errors jump about their trend:
     hence all of it.
@@ -189,7 +211,7 @@ def order(fineness: Sequence[float], errors: Sequence[float | None]) -> float | 
     for start in range(len(known)):
         part = [known[start]]
         for n, e in known[start + 1 :]:
-            if not e < part[-1][1] / 2:
+            if not e < part[-1][1] / _SHRINKS:
                 break
             part.append((n, e))
         if len(part) > len(best):
@@ -249,14 +271,17 @@ def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
             "steps": setting.steps, "cells": setting.cells,
             "cost": share * base["cost"] if "cost" in base else None, "resolved": base.get("resolved"),
             "broken": sum(broken.values()),
-            "unstable": sum(at.get((number, setting.steps), base)["outcome"] == "unstable" for number in numbers),
+            "unstable": sum(r["outcome"] == "unstable" for (_, steps), r in at.items() if steps == setting.steps),
             "specimens": len(numbers), "nominal": {law: own.get(law) for law in laws},
             "laws": worst,
         })  # fmt: skip
     grid = ladder(phenomenon(index)) is GRIDS
     done = [r for r in nominal if r["outcome"] == "done"]
     fineness = [float(r["cells"]) if grid else 1 / r["step"] for r in done]
-    orders = {law: order(fineness, [r["errors"][law] for r in done]) for law in laws}
+    orders = {}
+    for law in laws:
+        twins = [r.get("law_steps", {}).get(law, r["step"]) for r in done]  # what a law judges may not be the scene
+        orders[law] = order(fineness if grid else [1 / step for step in twins], [r["errors"][law] for r in done])
     states = np.array([r["state"] for r in done])
     gaps = np.abs(states - states[-1:]).max(axis=1, initial=0.0) / max(np.abs(states).max(initial=0.0), 1e-9)
     path = order(fineness[:-1], gaps[:-1].tolist())
@@ -353,22 +378,48 @@ def problems(table: Mapping[str, Any]) -> list[str]:
             if s["unstable"] and s["steps"] >= DRAFT.steps:
                 found.append(f"{name}: {s['unstable']} of {s['specimens']} specimens unstable at {s['steps']} steps")
         laws, settings = phenomenon(int(index)).laws(), [s for s in entry["settings"] if s["cost"] is not None]
-        for law in entry["orders"]:
-            errors = [e for s in settings if (e := s["nominal"][law]) is not None]
-            floor = laws[law].within[2] if laws[law].unit else 1000 * FLOOR
-            if len(errors) > 2 and not laws[law].limited_by and errors[-1] > max(floor, errors[0] / 4):
-                found.append(f"{name}: {law} errs by {errors[0]:.2g} at the coarsest setting, by {errors[-1]:.2g} at "
-                             f"the finest, and names nothing that limits it")  # fmt: skip
         least = (entry["integrator_order"] or 0) - SLOWER
         for law, slope in entry["orders"].items():
-            if slope is not None and slope < least and not laws[law].limited_by:
+            errors = [e for s in settings if (e := s["nominal"][law]) is not None]
+            floor = laws[law].within[2] if laws[law].unit else 1000 * FLOOR
+            if laws[law].limited_by:
+                continue
+            if slope is None and len(errors) > 2 and errors[-1] > floor:
+                found.append(f"{name}: {law} errs by {errors[0]:.2g} at the coarsest setting, by {errors[-1]:.2g} at "
+                             f"the finest, and names nothing that limits it")  # fmt: skip
+            if slope is not None and slope < least:
                 found.append(f"{name}: {law} converges with order {slope:.2g}; the integrator's is "
                              f"{entry['integrator_order']}, and it names nothing that limits it")  # fmt: skip
+        named = [s for law, s in entry["orders"].items() if s is not None and laws[law].limited_by]
+        slowest = min(least, *named) - SLOWER if named else least  # what limits a law may limit the path as well
+        if entry["path_order"] is not None and entry["path_order"] < slowest:
+            found.append(f"{name}: positions converge with order {entry['path_order']:.2g}; the integrator's is "
+                         f"{entry['integrator_order']}, and no law that converges as slowly names why")  # fmt: skip
     return found
 
 
 TOLERANCES: Final = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 """For which the page tells the cheapest setting."""
+
+
+def _judged(table: Mapping[str, Any]) -> list[str]:
+    """What the orders of convergence say, in one paragraph."""
+    count = dict.fromkeys(("slow", "ordered", "exact", "limited"), 0)
+    for index, entry in table.items():
+        if entry["grid"]:
+            continue
+        for law, slope in entry["orders"].items():
+            limited = phenomenon(int(index)).laws()[law].limited_by
+            ordered = slope is not None and slope >= entry["integrator_order"] - SLOWER
+            count["limited" if limited else "ordered" if ordered else "exact" if slope is None else "slow"] += 1
+    if not sum(count.values()):
+        return []
+    return [
+        f"Of {sum(count.values())} laws of bodies and light, {count['limited']} name what limits them (`show`). Of the "
+        f"others, {count['exact']} show no order, as they are met to 1e-8 or better, or in their own unit's tolerance; "
+        f"{count['ordered']} converge with the integrator's order less {SLOWER} at least, some faster, as what happens "
+        f"within a step is met exactly only where it is fine; {count['slow']} more slowly.", "",
+    ]  # fmt: skip
 
 
 def page(table: Mapping[str, Any]) -> str:
@@ -380,6 +431,9 @@ def page(table: Mapping[str, Any]) -> str:
         "random ones over the full ranges; "
         "relative, or in the law's own unit. A cost is the processor's time for a simulated second, over that of "
         f"{_LOOP} Runge-Kutta steps of a double pendulum beside it.", "",
+        f"Random specimens climb to {FINEST} steps at most, or until no error shrinks any more; beyond, theirs are "
+        "taken to shrink, and their costs to grow, as those of the nominal specimen were measured to.", "",
+        *_judged(table),
         "## The cheapest setting for a tolerance", "",
         "Steps (cells, of matter) and cost; a dash: no setting reaches it, and what the best one reaches stands in the "
         "last column. `physinone run N --tolerance` picks the same.", "",
@@ -413,6 +467,8 @@ def page(table: Mapping[str, Any]) -> str:
             lines += ["", f"Positions at a quarter and a half of the time converge with order {slope:.1f}; the "
                       f"integrator's is {entry['integrator_order']}."]  # fmt: skip
         if entry["engines"]:
+            ways = len({other["engine"] for other in entry["engines"]})
+            lines += ["", f"At {', '.join(map(str, STUDIED))} steps, in {ways} other ways that the engine offers:"]
             lines += ["", "| engine, nominal | steps | cost | largest error | law |", "|---|---|---|---|---|"]
         for other in entry["engines"]:
             errors_ = {law: e for law, e in other["errors"].items() if e is not None}

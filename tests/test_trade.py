@@ -47,6 +47,8 @@ def test_order_of_what_converges() -> None:
     assert trade.order(n, [max(m**-4.0, 1e-7) for m in n]) == pytest.approx(4), "until it meets a floor"
     assert trade.order(n, [m**-2.0 / (1 + (12 / m) ** 2) for m in n]) == pytest.approx(2, abs=0.1), "from fine enough"
     assert trade.order([8.0, 8.0, 16.0, 32.0], [1e-2, 1e-2, 2.5e-3, 6.25e-4]) == pytest.approx(2), "a setting twice"
+    for slope in (0.5, 0.9, 1.0):
+        assert trade.order(n, [m**-slope for m in n]) == pytest.approx(slope), "slow, but it converges"
 
 
 @pytest.mark.parametrize("errors", [[1e-3] * 4, [1e-13, 1e-14, 1e-15, 1e-16], [None] * 4, [1e-2, 1e-4, None, None]])
@@ -136,6 +138,34 @@ def test_an_integrator_of_lower_order_is_found_out(short: None, monkeypatch: pyt
     monkeypatch.setattr(trade, "simulate_specimen", lower)
     found = trade.problems(trade.tabulate(trade.climb((PENDULUM, 0, 0, False))))
     assert any("converges with order 1" in line and "; the integrator's is 4, and" in line for line in found)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"path_order": 1.0}, "positions converge with order 1; the integrator's is 4, and no law"),
+        ({"nominal": 1e-5}, "errs by 1e-05 at the coarsest setting, by 1e-05 at the finest, and names nothing"),
+        ({"order": 0.9}, "converges with order 0.9; the integrator's is 4, and it names nothing that limits it"),
+    ],
+)
+def test_a_table_that_converges_too_slowly_is_found_out(changes: dict[str, float], line: str) -> None:
+    table = copy.deepcopy({str(PENDULUM): fidelity.measured("trade")[str(PENDULUM)]})  # it is kept
+    assert trade.problems(table) == []
+    entry, name = table[str(PENDULUM)], "period_knows_length_not_mass"
+    assert not phenomenon(PENDULUM).laws()[name].limited_by
+    entry["path_order"] = changes.get("path_order", entry["path_order"])
+    entry["orders"][name] = changes.get("order", entry["orders"][name])
+    for setting in entry["settings"]:
+        setting["nominal"][name] = changes.get("nominal", setting["nominal"][name])
+    (found,) = trade.problems(table)
+    assert line in found
+
+
+def test_a_law_of_twins_converges_with_their_steps(short: None) -> None:
+    """The bar's own step is that of pictures, however coarse the setting; what it flings outwards is another's."""
+    record = trade.attempt(phenomenon(42).make(), trade.LADDER[0])
+    assert record["law_steps"]["a_smooth_puck_is_flung_outwards"] != record["step"]
+    assert record["step"] in record["law_steps"].values()
 
 
 def made_up(*rows: tuple[int, float, float, int]) -> dict[str, Any]:
