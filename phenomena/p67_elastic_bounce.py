@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi, sqrt
-from typing import Annotated, Final, Literal, cast
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +136,7 @@ class ElasticFall(Lump, domain="fluids"):
         which it is compressed to F; what comes back from the free end spreads, and when a quarter of it has come the
         push is down to a half.
         """
-        bar = run if self.setup == "bar" else run.again(setup="bar")
+        _, bar = self.at_lab(run, "bar")
         return self.pressed(bar), self.there_and_back()
 
     def there_and_back(self) -> float:
@@ -167,7 +167,7 @@ class ElasticFall(Lump, domain="fluids"):
          within=(8e-2, 5e-2, 3e-2), limited_by=GRID)  # fmt: skip
     def a_bar_jumps_up_as_fast_as_it_came(self, run: Run) -> Measurement:
         """67a: speed of the centre of mass afterwards."""
-        bar = run if self.setup == "bar" else run.again(setup="bar")
+        _, bar = self.at_lab(run, "bar")
         return np.gradient(bar.clouds["bar"].centre[:, 2], bar.t)[-2], FAST * self.sound
 
     @law("t = 2.868 (m²/(R E*² v))^⅕", source="K. L. Johnson, Contact mechanics, §11.4 eq. 11.23-11.24",
@@ -175,7 +175,7 @@ class ElasticFall(Lump, domain="fluids"):
     def a_ball_touches_as_hertz_says(self, run: Run) -> Measurement:
         """67b: from the time between half the speed down and half the speed up, of which Hertz's law of force makes a
         known part of the whole."""
-        ball = run if self.setup == "ball" else run.again(setup="ball")
+        _, ball = self.at_lab(run, "ball")
         up = ball.clouds["bar"].momentum[:, 2]
         if up[-1] <= 0:
             raise NotEvaluated("the ball does not leave the floor while it is watched")
@@ -197,26 +197,24 @@ class ElasticFall(Lump, domain="fluids"):
          within=(4e-2, 2.5e-2, 1e-2), limited_by=GRID)  # fmt: skip
     def a_column_sags_under_its_weight(self, run: Run) -> Measurement:
         """67c: mean depth of the centre of mass below its place at rest, over whole periods; by M and by density."""
-        column = run if self.setup == "column" else run.again(setup="column")
+        _, column = self.at_lab(run, "column")
         times, _, height = self.swing(run)
         whole = (column.t >= times[0]) & (column.t <= times[-1])
         sag = column.clouds["bar"].centre[0, 2] - np.trapezoid(height[whole], column.t[whole]) / np.ptp(column.t[whole])
-        own = cast(ElasticFall, column.specimen).weight
-        return sag, self.density * own * self.length**2 / (3 * self.modulus)
+        return sag, self.density * own.weight * self.length**2 / (3 * self.modulus)
 
     @law("A = ρ g L²/(3 M)", source="Landau & Lifshitz, Mechanics, §25: without friction", within=(4e-2, 2.5e-2, 1e-2),
          limited_by=GRID)  # fmt: skip
     def a_column_goes_on_swinging(self, run: Run) -> Measurement:
         """67c: half the way from the last highest place to the last lowest one, from rest at the start."""
-        column = run if self.setup == "column" else run.again(setup="column")
+        own, column = self.at_lab(run, "column")
         times, lows, height = self.swing(run)
         between = (column.t > times[-2]) & (column.t < times[-1])
-        own = cast(ElasticFall, column.specimen).weight
-        return (height[between].max() - lows[-1]) / 2, self.density * own * self.length**2 / (3 * self.modulus)
+        return (height[between].max() - lows[-1]) / 2, self.density * own.weight * self.length**2 / (3 * self.modulus)
 
     def swing(self, run: Run) -> tuple[Array, Array, Array]:
         """When the column's centre of mass is lowest (n,) [s], its heights then (n,), and at all times (T,) [m]."""
-        column = run if self.setup == "column" else run.again(setup="column")
+        own, column = self.at_lab(run, "column")
         height = column.clouds["bar"].centre[:, 2]
         slope = np.gradient(height, column.t)
         smooth = np.convolve(slope, np.ones(9) / 9, "same")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import log, pi, sin, sqrt
-from typing import Annotated, Final, Literal, cast
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,8 +161,8 @@ class PlasticineFall(Lump, domain="fluids"):
         height, but for the elastic part."""
         found, due = [], []
         for name in COLUMNS:
-            twin = run if self.setup == name else run.again(setup=name)
-            own, bar = cast(PlasticineFall, twin.specimen), twin.clouds["bar"]
+            own, twin = self.at_lab(run, name)
+            bar = twin.clouds["bar"]
             high, last = own.tall, len(twin) // 8
             number = self.density * g * high / self.strength
             yielded = max(0.0, 1 - 1 / number)
@@ -177,9 +177,9 @@ class PlasticineFall(Lump, domain="fluids"):
     def a_rod_is_shortened_as_by_taylor_s_impact(self, run: Run) -> Measurement:
         """68c: its length afterwards; e is the strain at its foot. What is often quoted, exp(-ρ v²/2σ_y), takes the
         strain to be the same everywhere, and is too short."""
-        rod = run if self.setup == "rod" else run.again(setup="rod")
+        own, rod = self.at_lab(run, "rod")
         bar, last = rod.clouds["bar"], len(rod) // 8
-        number = self.density * cast(PlasticineFall, rod.specimen).speed_of_fall ** 2 / (2 * self.strength)
+        number = self.density * own.speed_of_fall**2 / (2 * self.strength)
         strain = brentq(lambda e: -log(1 - e) - e - number, 1e-9, 1 - 1e-9)
         long = (bar.high - bar.low)[-last:, 2].mean() + spacing(bar)
         return long, 2 * self.size * (1 - strain) * (1 - log(1 - strain))
@@ -212,8 +212,8 @@ class PlasticineFall(Lump, domain="fluids"):
     def weight_works_on_flow(self, run: Run) -> Measurement:
         """68f: what a column that sinks slowly has stored, moves with and has spent on its flow, against the work of
         its weight. Of a fall the grid itself takes a good part: that is not asked."""
-        twin = run if self.setup == "tall column" else run.again(setup="tall column")
-        own, bar = cast(PlasticineFall, twin.specimen), twin.clouds["bar"]
+        own, twin = self.at_lab(run, "tall column")
+        bar = twin.clouds["bar"]
         pull = g * np.sin(np.minimum(twin.t / own.slowly, 1.0) * pi / 2) ** 2
         return (bar.dissipated + bar.elastic + bar.kinetic)[-1], trapezoid(-pull * bar.momentum[:, 2], twin.t)
 
@@ -224,8 +224,8 @@ class PlasticineFall(Lump, domain="fluids"):
         twice as deep as clings, once it creeps at √(g h)/50 (the faster, the more the grid resists)."""
         found, due = [], []
         for name in LAYERS:
-            twin = run if self.setup == name else run.again(setup=name)
-            own, down = cast(PlasticineFall, twin.specimen), twin.clouds["layer"]
+            own, twin = self.at_lab(run, name)
+            down = twin.clouds["layer"]
             time, ramp, _ = own.ramp
             grown = np.sin(np.minimum(twin.t / (ramp * time), 1.0) * pi / 2) ** 2
             pull = g * sin(STEEP) * cumulative_trapezoid(grown, twin.t, initial=0)

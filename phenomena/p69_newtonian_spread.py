@@ -22,6 +22,7 @@ from phenomena.pours import (
     layered,
     plates,
     upright,
+    viscous_length,
     watch,
 )  # fmt: skip
 from physinone_mj.base import Choice, Measurement, Param, law, observable
@@ -80,10 +81,6 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         """Kinematic viscosity η/ρ, η = μ/2 [m²/s]."""
         return self.viscosity / 2 / self.density
 
-    def length(self, number: float) -> float:
-        """Length L of a laboratory at which √(g L) L/ν is a number [m]."""
-        return float((number**2 * self.nu**2 / g) ** (1 / 3))
-
     def soft(self, depth: float) -> Newtonian:
         """The fluid, as soft as a depth [m] allows."""
         return Newtonian(self.viscosity, self.density * g * depth / (7 * SOFT), self.density)
@@ -91,12 +88,12 @@ class NewtonianFluidFall(Poured, domain="fluids"):
     @property
     def depth(self) -> float:
         """Of the film, and of the column [m]."""
-        return self.length(1.0 if self.setup == "film" else 3.0)
+        return viscous_length(1.0 if self.setup == "film" else 3.0, self.nu)
 
     @property
     def wavelength(self) -> float:
         """Of the shear wave [m]."""
-        return 4 * self.length(1.0)
+        return 4 * viscous_length(1.0, self.nu)
 
     @property
     def number(self) -> float:
@@ -124,7 +121,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
 
     def current(self, scene: Scene) -> None:
         """Half a gravity current between plates: a box of 2 L x L/2 let go on a sticky floor."""
-        size = self.length(self.number)
+        size = viscous_length(self.number, self.nu)
         width = THIN * 2 / 3 * size
         piece = block("current", self.soft(size / 2), (0, -width / 2, 0), (2 * size, width / 2, size / 2))
         scene.continua.append(Continuum([piece], walls=[*plates(width), ground(), upright(0.0, 1)]))
@@ -160,17 +157,12 @@ class NewtonianFluidFall(Poured, domain="fluids"):
 
     def slump(self, scene: Scene) -> None:
         """A column of 2 L x L in a smooth tank twice as wide."""
-        size = self.length(3.0)
+        size = viscous_length(3.0, self.nu)
         width = THIN * size
         piece = block("column", self.soft(2 * size), (0, -width / 2, 0), (size, width / 2, 2 * size))
         walls = [*plates(width), ground("slip"), upright(0.0, 1), upright(2 * size, -1)]
         scene.continua.append(Continuum([piece], walls=walls))
         watch(scene, size, 10 * self.nu / (g * size))
-
-    def at_lab(self, run: Run, setup: str) -> tuple[NewtonianFluidFall, Run]:
-        """The laboratory's specimen and run."""
-        other = run if self.setup == setup else run.again(setup=setup)
-        return other.specimen, other
 
     @observable("m")
     def front(self, run: Run) -> Array:
@@ -199,7 +191,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         """69b, in the plane: growth of the fifth power of front and centre of mass at late times, as prefactors of the
         front; the current's own beginning of time does not matter to it."""
         lab, current = self.at_lab(run, "current")
-        scale = (g * lab.length(lab.number) ** 6 / (3 * self.nu)) ** 0.2
+        scale = (g * viscous_length(lab.number, lab.nu) ** 6 / (3 * self.nu)) ** 0.2
         cloud = current.clouds["current"]
         reach = (cloud.high[:, 0], cloud.centre[:, 0] / CENTRE)
         return [late_growth(current.t, x) ** 0.2 / scale for x in reach], [1.411, 1.411]
@@ -212,7 +204,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         found = []
         for setup in ("current", "quick current"):
             lab, current = self.at_lab(run, setup)
-            scale = (g * lab.length(lab.number) ** 6 / (3 * lab.nu)) ** 0.2
+            scale = (g * viscous_length(lab.number, lab.nu) ** 6 / (3 * lab.nu)) ** 0.2
             reach = current.clouds["current"].centre[:, 0] / CENTRE
             found.append(late_growth(current.t, reach) ** 0.2 / scale)
         return found, [1.411, 1.411]
@@ -240,7 +232,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
     def it_fills_what_it_is_in(self, run: Run) -> Measurement:
         """69e, as seen: height of the centre of mass of what has slumped in a tank twice its width, a level pool."""
         _, tank = self.at_lab(run, "slump")
-        depth = self.length(3.0)
+        depth = viscous_length(3.0, self.nu)
         squeezed = 2 * SOFT / 2 / 3
         return tank.clouds["column"].centre[-1, 2], depth / 2 * (1 - squeezed)
 

@@ -23,6 +23,7 @@ from phenomena.pours import (
     layered,
     plates,
     upright,
+    viscous_length,
     watch,
 )  # fmt: skip
 from physinone_mj.base import Choice, Measurement, NotEvaluated, Param, Refusal, law, observable
@@ -125,10 +126,6 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         """η/2ρ [m²/s]."""
         return self.viscosity / 2 / self.density
 
-    def length(self, number: float) -> float:
-        """Length L at which √(g L) L/ν is a number [m]."""
-        return float((number**2 * self.nu**2 / g) ** (1 / 3))
-
     @property
     def critical(self) -> float:
         """Thickness of a layer that begins to flow on the laboratory's slope [m]."""
@@ -177,7 +174,7 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
     @property
     def plug_depth(self) -> float:
         """Of the layer with a plug [m]."""
-        return self.length(2.5)
+        return viscous_length(2.5, self.nu)
 
     def plug(self, scene: Scene) -> None:
         """A layer that flows under a plug, of a paste that is as strong as it has to be for that."""
@@ -188,7 +185,7 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
 
     def film(self, scene: Scene) -> None:
         """A layer without a yield stress."""
-        depth = self.length(2.0)
+        depth = viscous_length(2.0, self.nu)
         scene.continua.append(layer(self.paste(0.0, depth, HARD), depth, depth, STEEP))
         watch(scene, depth, 2 * depth**2 / self.nu)
 
@@ -218,11 +215,6 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         piece = Piece("matter", self.material, made.shape, (0, 0, 0.1 * self.size + made.half), velocity=(0, 0, -1.0))
         scene.continua.append(Continuum([piece], [Meeting("stage/floor", "stick")]))
         scene.resolve(time=SLOW, length=min(self.size, 4 * made.thin), duration=0.3)
-
-    def at_lab(self, run: Run, setup: str) -> tuple[NonNewtonianFluidFall, Run]:
-        """The laboratory's specimen and run."""
-        other = run if self.setup == setup else run.again(setup=setup)
-        return other.specimen, other
 
     @observable("m/s")
     def fastest(self, run: Run) -> Array:
@@ -283,7 +275,7 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         lab, film = self.at_lab(run, "film")
         x, v, _ = grown(film.clouds["layer"], -1)
         z, u = layered(x[:, 2], v[:, 0])
-        depth = lab.length(2.0)
+        depth = viscous_length(2.0, lab.nu)
         return u, g * sin(STEEP) / (2 * self.nu) * (2 * depth * z - z**2)
 
     @law("v = √(2 g d), then v → 0", source="by definition: below the yield stress nothing flows",

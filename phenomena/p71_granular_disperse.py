@@ -154,13 +154,6 @@ class GranularFall(Poured, domain="fluids"):
         scene.continua.append(Continuum([piece]))
         watch(scene, SPRAY, FLIGHT)
 
-    def at_lab(self, run: Run, setup: str, **changes: float | str) -> tuple[GranularFall, Run]:
-        """The laboratory's specimen and run."""
-        changes = {"setup": setup, **changes}
-        same = all(getattr(self, name) == value for name, value in changes.items())
-        other = run if same else run.again(**changes)
-        return other.specimen, other
-
     @observable("m/s")
     def fastest(self, run: Run) -> Array:
         """Root mean square speed of the sand (T,)."""

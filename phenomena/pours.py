@@ -145,6 +145,11 @@ def layered(place: Array, *values: Array, count: int = 8) -> tuple[Array, ...]:
     return tuple(np.array([x[part].mean() for part in parts]) for x in (place, *values))
 
 
+def viscous_length(number: float, nu: float) -> float:
+    """Length L at which √(g L) L/ν is a number [m]; ν [m²/s]."""
+    return float((number**2 * nu**2 / g) ** (1 / 3))
+
+
 def spacing(cloud: Cloud) -> float:
     """Between particles at rest [m]."""
     return float(cloud.bulk ** (1 / 3))
@@ -277,6 +282,13 @@ class Poured(Phenomenon, domain="fluids"):
     def cloud(self, run: Run) -> Cloud:
         """What falls, or the laboratory's first piece."""
         return next(iter(run.clouds.values()))
+
+    def at_lab(self, run: Run, setup: str, **changes: float | str) -> tuple[Self, Run]:
+        """The run, if it is of that set-up with those parameters, or a twin; its specimen first."""
+        changes["setup"] = setup
+        same = all(getattr(self, name) == value for name, value in changes.items())
+        other = run if same else run.again(**changes)
+        return other.specimen, other
 
     def scenic(self, run: Run) -> tuple[Run, Cloud]:
         """The run if something falls or is poured in it, or a twin."""
