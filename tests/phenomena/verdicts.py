@@ -1,8 +1,9 @@
-"""What the tests of single phenomena share: verdicts by name, and random specimens judged."""
+"""What the tests of single phenomena share: runs at DRAFT, verdicts by name, and random specimens judged."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Set
+from typing import Any
 
 import numpy as np
 
@@ -53,6 +54,11 @@ class Failed(Set[str]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+
+def seen(cls: type[Phenomenon], **values: Any) -> Run:
+    """A specimen, simulated at DRAFT."""
+    return simulate_specimen(cls.make(**values), fidelity=DRAFT)
 
 
 def verdicts(run: Run) -> Verdicts:
