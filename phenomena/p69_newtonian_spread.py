@@ -210,7 +210,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         return found, [1.411, 1.411]
 
     @law("κ (J⁻⁷ - 1) = ρ g (H - Z)", source="PhysInOne supplement, eq. 7; Landau & Lifshitz, Fluid Mechanics, §3",
-         within=(5e-2, 3e-2, 2e-2), limited_by="matter near a wall is known to a cell")  # fmt: skip
+         within=(5e-2, 2e-2, 2e-2), limited_by="matter near a wall is known to a cell")  # fmt: skip
     def pressure_is_the_weight_above(self, run: Run) -> Measurement:
         """69d: from the compression of layers of a column at rest, the lowest eighth left out; Z: height before there
         was gravity."""
