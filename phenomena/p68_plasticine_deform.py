@@ -27,7 +27,9 @@ SQUASHED: Final = 0.3
 FIRM: Final = 100.0
 """E/τ_Y of a laboratory's matter: no law of theirs knows E, and soft matter takes long steps."""
 DEAD: Final = 0.02
-"""v'²/v² up to which what falls is asked not to jump, v' = σ_y/√(ρ E)."""
+"""v'²/v² up to which what falls is asked not to jump, nor to shake, v' = σ_y/√(ρ E)."""
+LATE: Final = 1.0
+"""Of a scene, how long what has fallen is asked to stay as it is [s]."""
 SLENDER: Final = 2.5
 """Height of a column over its width."""
 FELL: Final = 0.4
@@ -75,6 +77,11 @@ class PlasticineFall(Lump, domain="fluids"):
     def strength(self) -> float:
         """σ_y = √(3/2) τ_Y, of a bar pulled or pressed [Pa]."""
         return sqrt(1.5) * self.yield_stress
+
+    @property
+    def springs(self) -> float:
+        """Share of the fall's energy that what it stores until it yields may give back: v'²/v²."""
+        return self.strength**2 / (self.density * self.young * 2 * g * self.drop)
 
     @property
     def stands(self) -> float:
@@ -195,17 +202,37 @@ class PlasticineFall(Lump, domain="fluids"):
          source="K. L. Johnson, Contact mechanics, §11.4 eq. 11.46-11.48: v' of the order of σ_y/√(ρ E)")  # fmt: skip
     def it_hardly_jumps(self, run: Run) -> Measurement:
         """68e: energy of the fall up to the floor, less that of the centre of mass when it moves up the fastest."""
-        back = self.strength**2 / (self.density * self.young * 2 * g * self.drop)
-        if back > DEAD:
-            raise NotEvaluated(f"what it stores until it yields may bring back {back:.2g} of the energy")
+        if self.springs > DEAD:
+            raise NotEvaluated(f"what it stores until it yields may bring back {self.springs:.2g} of the energy")
         other, cloud = self.on_floor(run)
-        before = np.flatnonzero(cloud.low[:, 2] > 1.2 * NEAR * other.cell)[-1]
+        before = int(np.minimum.accumulate(cloud.low[:, 2] > 1.2 * NEAR * other.cell).sum()) - 1
+        if before < 1 or before + 10 > len(other):
+            raise NotEvaluated("it is not seen to land")
         up = cloud.momentum[before:, 2].max()
         lost = cloud.momentum[before, 2] ** 2 - max(up, 0.0) ** 2
-        if before == 0 or before + 10 > len(other):
-            raise NotEvaluated("it is not seen to land")
         fallen = cloud.centre[0, 2] - cloud.centre[before, 2]
-        return lost / (2 * cloud.mass[0]), self.density * cloud.mass[0] / self.material.density * g * fallen
+        return lost / (2 * cloud.mass[0]), cloud.mass[0] * g * fallen
+
+    @law(
+        "a(t) = a(T), h(T) <= (1 + σ_y/E) min h",
+        within=(5e-3, 2.5e-3, 2.5e-3),
+        limited_by=GRID,
+        source="R. Hill, The mathematical theory of plasticity (1950), ch. 2: below the yield stress only E gives way",
+    )
+    def it_stays_as_it_is(self, run: Run) -> Measurement:
+        """68f: sides of the box around it all through the last second; and by how much it is higher than it was once,
+        beyond what its stress may give back."""
+        if self.springs > DEAD:
+            raise NotEvaluated(f"what it stores until it yields may bring back {self.springs:.2g} of the energy")
+        other, cloud = self.on_floor(run)
+        left, fast = other.t[-1] - LATE - sqrt(2 * self.drop / g), sqrt(2 * g * self.drop)
+        if self.grip == "slip" or (self.grip == "separate" and self.friction * g * left < fast):
+            raise NotEvaluated("what is below may be too smooth to stop it in time")
+        size, sides = other.specimen.size, cloud.high - cloud.low
+        risen = sides[-1, 2] - (1 + self.strength / self.young) * sides[:, 2].min()
+        late = sides[other.t >= other.t[-1] - LATE]
+        found, due = late / size, np.tile(sides[-1] / self.size, (len(late), 1))
+        return np.append(found, max(risen, 0.0) / size), np.append(due, 0.0)
 
     @law("∫ m g ż dt = W_p + W_el + m v²/2", within=(5e-2, 3e-2, 1e-2), limited_by=GRID,
          source="R. Hill, The mathematical theory of plasticity (1950), ch. 2: work of flow, ∫ σ : dε_p")  # fmt: skip
