@@ -278,6 +278,15 @@ class NonNewtonianFluidFall(Poured, domain="fluids"):
         depth = viscous_length(2.0, lab.nu)
         return u, g * sin(STEEP) / (2 * self.nu) * (2 * depth * z - z**2)
 
+    @law("η = 0: ‖dev τ‖ <= τ_Y", source="PhysInOne supplement, eq. 8 with η = 0, beside eq. 5: plasticine's",
+         within=(1e-3, 1e-3, 1e-3), limited_by="single precision, but at reference")  # fmt: skip
+    def without_viscosity_it_is_plasticine(self, run: Run) -> Measurement:
+        """70e: how far and high a lump of it reaches that lands and flattens, at all times, over its size; beside one
+        of plasticine."""
+        lab, dry = self.at_lab(run, "dry")
+        _, clay = self.at_lab(run, "plasticine")
+        return dry.clouds["matter"].high / lab.size, clay.clouds["matter"].high / self.size
+
     @law("v = √(2 g d), then v → 0", source="by definition: below the yield stress nothing flows",
          within=(2e-2, 2e-2, 2e-2), limited_by="matter begins to be stopped a cell above the floor")  # fmt: skip
     def what_has_fallen_stops(self, run: Run) -> Measurement:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,12 @@ import pytest
 from phenomena.p70_non_newtonian_flow import PLUG, NonNewtonianFluidFall, plastic_heap, plastic_mound
 from phenomena.pours import grown
 from physinone_mj.base import Refusal
-from physinone_mj.continuum import Newtonian, Viscoplastic
+from physinone_mj.continuum import Material, Newtonian, Viscoplastic
 from physinone_mj.fidelity import DRAFT
-from physinone_mj.run import Run
-from physinone_mj.simulate import build, simulate_specimen
+from physinone_mj.simulate import build
 
 from ..conftest import nominal
-from .verdicts import judge_random
-
-
-def run(cls: type[NonNewtonianFluidFall] = NonNewtonianFluidFall, **values: Any) -> Run:
-    return simulate_specimen(cls.make(**values), fidelity=DRAFT)
-
-
-def verdict(made: Run, law: str) -> str:
-    return made.specimen.laws()[law].judge(made.specimen, made).verdict
+from .verdicts import judge_random, seen, verdicts
 
 
 class Treacle(NonNewtonianFluidFall, domain="fluids"):
@@ -40,6 +32,17 @@ class Stronger(NonNewtonianFluidFall, domain="fluids"):
 
     def paste(self, yield_stress: float, depth: float, squeezed: float = 0.02) -> Viscoplastic:
         return super().paste(2**0.5 * yield_stress, depth, squeezed)
+
+
+class Weaker(NonNewtonianFluidFall, domain="fluids"):
+    """Its threshold is another one's without viscosity."""
+
+    @property
+    def material(self) -> Material:
+        honest = super().material
+        if isinstance(honest, Viscoplastic):
+            return dataclasses.replace(honest, yield_stress=(2 / 3) ** 0.5 * honest.yield_stress)
+        return honest
 
 
 def test_thin_mounds_and_heaps_are_those_of_the_thin_layer() -> None:
@@ -70,26 +73,25 @@ def test_what_slides_on_is_not_said_to_stop() -> None:
 
 @pytest.mark.slow
 def test_what_creeps_for_ever_is_found_out() -> None:
-    assert verdict(run(Treacle, setup="thin layer"), "a_layer_flows_if_it_is_thick_enough") == "failed"
+    assert verdicts(seen(Treacle, setup="thin layer"))["a_layer_flows_if_it_is_thick_enough"] == "failed"
 
 
 @pytest.mark.slow
 def test_the_root_of_two_is_found_out() -> None:
-    assert verdict(run(Stronger, setup="thick layer"), "a_layer_flows_if_it_is_thick_enough") == "failed"
+    assert verdicts(seen(Stronger, setup="thick layer"))["a_layer_flows_if_it_is_thick_enough"] == "failed"
 
 
-@pytest.mark.slow
-def test_without_viscosity_it_is_plasticine() -> None:
-    """70e: two laws of the sidecar, one answer."""
-    dry, clay = (run(setup=setup).clouds["matter"] for setup in ("dry", "plasticine"))
-    assert dry.high == pytest.approx(clay.high, abs=1e-5)
-    assert np.ptp(dry.high[:, 2]) > 0.02
+def test_what_yields_otherwise_is_no_plasticine() -> None:
+    """70e: √(2/3) τ_Y, as some codes have it, where there is no viscosity. About 4 s."""
+    made = seen(Weaker, setup="dry")
+    assert np.ptp(made.clouds["matter"].high[:, 2]) > 0.02
+    assert verdicts(made)["without_viscosity_it_is_plasticine"] == "failed"
 
 
 @pytest.mark.slow
 def test_the_plug_is_rigid_and_as_thick_as_what_would_stay() -> None:
     """70f: from the mean speed over the plug's, ū/u = 1 - (h - h_c)/3h."""
-    made = run(setup="plug")
+    made = seen(NonNewtonianFluidFall, setup="plug")
     x, v, _ = grown(made.clouds["layer"], -1)
     depth = made.specimen.plug_depth
     top = v[x[:, 2] > 0.75 * depth, 0]
@@ -100,7 +102,7 @@ def test_the_plug_is_rigid_and_as_thick_as_what_would_stay() -> None:
 @pytest.mark.slow
 def test_arrest_knows_the_yield_stress() -> None:
     """Lazy failure (c): a weak paste spreads farther than a strong one of the same size."""
-    weak, strong = (run(yield_stress=y) for y in (150.0, 600.0))
+    weak, strong = (seen(NonNewtonianFluidFall, yield_stress=y) for y in (150.0, 600.0))
     assert weak.specimen.reach(weak)[-1] > 1.15 * strong.specimen.reach(strong)[-1]
 
 
@@ -116,4 +118,5 @@ def test_too_soft_for_the_fall_is_refused() -> None:
 
 @pytest.mark.slow
 def test_random_specimens() -> None:
-    assert min(judge_random(NonNewtonianFluidFall, count=3).values()) >= 0
+    decided = judge_random(NonNewtonianFluidFall, count=3)
+    assert all(decided.values()), decided
