@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import atan, degrees, pi, radians, sin, sqrt
 from typing import Any
 
-import numpy as np
 import pytest
 
 from phenomena.p71_granular_disperse import WIDTH, GranularFall
-from phenomena.pours import grown, spacing
 from physinone_mj.base import Refusal
 from physinone_mj.constants import STANDARD_GRAVITY as g
-from physinone_mj.continuum import Granular
+from physinone_mj.continuum import Granular, Plasticine
 from physinone_mj.fidelity import DRAFT
-from physinone_mj.run import Run
-from physinone_mj.simulate import build, simulate_specimen
+from physinone_mj.simulate import build
 
-from .verdicts import judge_random
+from ..conftest import nominal
+from .verdicts import judge_random, seen, verdicts
 
-
-def run(cls: type[GranularFall] = GranularFall, **values: Any) -> Run:
-    return simulate_specimen(cls.make(**values), fidelity=DRAFT)
-
-
-def verdict(made: Run, law: str) -> str:
-    return made.specimen.laws()[law].judge(made.specimen, made).verdict
+ANGLE = "a_slope_stands_up_to_an_angle"
+STEEP = "a_deposit_is_no_steeper_than_a_slope"
+CLOCK = "weight_sets_the_clock_and_nothing_else"
 
 
 class Naive(GranularFall, domain="fluids"):
@@ -36,13 +31,19 @@ class Naive(GranularFall, domain="fluids"):
         return self.internal
 
 
-def steepness(made: Run) -> float:
-    """Steepest slope of a collapse's deposit over four cells [rad]."""
-    points, cell = grown(made.clouds["column"], -1)[0], made.cell
-    strip = (points[:, 0] / cell).astype(int)
-    top = np.zeros(strip.max() + 1)
-    np.maximum.at(top, strip, points[:, 2] + spacing(made.clouds["column"]) / 2)
-    return float(np.arctan(np.max(top[:-4] - top[4:]) / (4 * cell)))
+class Porridge(GranularFall, domain="fluids"):
+    """What holds it together is no friction: a paste's strength."""
+
+    def sand(self, *asked: Any) -> Any:
+        honest = super().sand(*asked)
+        return Plasticine(honest.young, honest.poisson, honest.density, self.density * g * WIDTH / 20)
+
+
+class Upright(GranularFall, domain="fluids"):
+    """Sand of 60 degrees, whatever is asked for."""
+
+    def sand(self, *asked: Any) -> Granular:
+        return dataclasses.replace(super().sand(*asked), friction=pi / 3)
 
 
 @pytest.mark.parametrize(("phi", "theta"), [(15, 18.1), (30, 34.7), (45, 46.9), (60, 54.6)])
@@ -60,43 +61,35 @@ def test_the_plane_cone_is_coulomb_s(phi: float) -> None:
 
 @pytest.mark.slow
 def test_the_naive_angle_is_found_out() -> None:
-    assert verdict(run(Naive, setup="steep slope"), "a_slope_stands_up_to_an_angle") == "failed"
+    assert verdicts(seen(Naive, setup="steep slope"))[ANGLE] == "failed"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phi", [15, 45, 60])
+@pytest.mark.parametrize("phi", [15, 41])
 def test_slopes_of_all_sands(phi: float) -> None:
-    assert verdict(run(internal=radians(phi), setup="steep slope"), "a_slope_stands_up_to_an_angle") == "passed"
+    assert verdicts(seen(GranularFall, internal=radians(phi), setup="steep slope"))[ANGLE] == "passed"
+
+
+def test_what_shear_pulls_apart_is_not_judged() -> None:
+    """71a, c: from φ = 42.2° on, where tan θ_c = 1; of heaps from 36.3° on. With the nominal run."""
+    made = nominal(71, DRAFT)
+    for law, phi, limit in ((ANGLE, 42.3, 1), (ANGLE, 60.0, 1), (STEEP, 36.3, 0.85), (STEEP, 60.0, 0.85)):
+        steep = dataclasses.replace(made, specimen=GranularFall.make(internal=radians(phi)))
+        assert f"needed: less than {limit:g}" in str(GranularFall.laws()[law].judge(steep.specimen, steep).reason)
 
 
 @pytest.mark.slow
-def test_a_deposit_is_no_steeper_than_a_slope_and_runs_farther_the_looser_it_is() -> None:
-    """71c, with a cell's worth of doubt."""
-    first, loose = run(setup="collapse"), run(setup="loose collapse")
-    specimen = first.specimen
-    assert steepness(first) <= specimen.steepest + 0.08
-    sine = 0.7 * specimen.sine
-    assert steepness(loose) <= atan(2 * sqrt(3) * sine / (3 - sine)) + 0.08
-    assert specimen.edge(loose) > specimen.edge(first) + first.cell
-    assert first.clouds["column"].high[-1, 2] > 0.5 * WIDTH  # no puddle
+def test_paste_is_found_out() -> None:
+    """71c, d: a strength knows no angle and sets a scale: friction has no effect, and weight has. About half a
+    minute."""
+    found = verdicts(seen(Porridge, setup="collapse"))
+    assert (found[STEEP], found[CLOCK]) == ("failed", "failed")
 
 
 @pytest.mark.slow
-def test_neither_weight_nor_gravity_changes_a_deposit() -> None:
-    """71d: twice the density and modulus: the same; four times the gravity and modulus: the same in half the time."""
-    first, heavy = run(setup="collapse"), run(setup="heavy collapse")
-    a, b = first.clouds["column"], heavy.clouds["column"]
-    assert b.centre == pytest.approx(a.centre, abs=2e-3 * WIDTH)
-
-    class Strong(GranularFall, domain="fluids"):
-        def sand(self, depth: float | None = None, sine: float | None = None, heavy: float = 1.0) -> Granular:
-            honest = super().sand(depth, sine, heavy)
-            return Granular(4 * honest.young, honest.poisson, honest.density, honest.friction)
-
-    strong = simulate_specimen(Strong.make(setup="collapse"), fidelity=DRAFT, gravity=4 * g)
-    c = strong.clouds["column"]
-    half = np.searchsorted(strong.t, strong.t[-1] / 2)
-    assert c.centre[half, 0] == pytest.approx(a.centre[-1, 0], rel=2e-2)
+def test_cliffs_are_found_out() -> None:
+    """71c: a column that stands. About a quarter of a minute."""
+    assert verdicts(seen(Upright, setup="collapse"))[STEEP] == "failed"
 
 
 def test_soft_sand_is_refused() -> None:
@@ -113,4 +106,5 @@ def test_laboratories_are_built() -> None:
 
 @pytest.mark.slow
 def test_random_specimens() -> None:
-    assert min(judge_random(GranularFall, count=3).values()) >= 0
+    decided = judge_random(GranularFall, count=3)
+    assert all(decided.values()), decided
