@@ -67,6 +67,12 @@ def test_every_other_engine_that_is_offered_can_be_had(index: int) -> None:
 
 
 @each
+def test_as_many_cameras_as_the_release_s(index: int) -> None:
+    """Twelve that stand still, fifteen where matter deforms; `plan_views` adds the one that moves."""
+    assert phenomenon(index).views == (15 if 67 <= index <= 71 else 12)
+
+
+@each
 def test_nominal_values_lie_inside_their_ranges(index: int) -> None:
     cls = phenomenon(index)
     specimen = cls.make()
