@@ -43,9 +43,13 @@ _LEAST_COST: Final = 1e4
 """What a step costs before it moves anything [particles]."""
 _DEEPEST: Final = 0.25
 """How deep a particle may lie in a body at the start [cell]."""
-_STIRRED: Final = 0.007
-"""ν Δt/Δx² of the method's own viscosity where matter is stirred (Taylor-Green vortices of 32 to 64 cells at 0.1 to 0.5
-m/s: 0.004 to 0.010); where it flows in order it has far less, k² Δx⁴/40 Δt."""
+_VORTEX: Final = 0.007
+"""ν Δt/Δx² of the method's own viscosity in vortices nine cells across, rounded up. Of N cells across it is near
+0.555/N², reckoned and measured, whatever their speed, the step and how often they are turned over; one vortex between
+smooth walls, which take some motion, has 0.27/N (docs/mpm.md)."""
+_FINEST: Final = 1e6
+"""Times as many cells as there are that somebody may be told to take. No number of them would do where steps are short
+because of what is thick beside a thin fluid: that shortens them with Δx², and the method's own stays what it is."""
 _SHUFFLED: Final = 48
 """Particles of a jet of which any may come first."""
 _SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
@@ -149,7 +153,7 @@ class Medium:
         _refuse(names, bodies, most, np.where(np.isfinite(continuum.period), 0.0, self._gravity), cell, duration)
         self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=[*self.bearers, *walls],
                              period=continuum.period, double=double, sparse=sparse)  # fmt: skip
-        self.viscosities = [numerical_viscosity(body, cell) for body in bodies]
+        self.viscosities = [numerical_viscosity(body, cell, longest_step(bodies, cell)) for body in bodies]
         self.most, self.forces = most, np.zeros((model.nbody, 6))
 
     def _place(self, data: Any) -> None:
@@ -284,9 +288,12 @@ def _pouring(
     return _Pouring(number, inlet.start + lasts * (np.arange(count) + 0.5) / count, points[order], velocity)
 
 
-def numerical_viscosity(body: Body, cell: float) -> float:
-    """Dynamic viscosity that matter seems to have beside its own where it is stirred, at a cell's side [m] [Pa s]."""
-    return _STIRRED * body.material.density * cell**2 / longest_step([body], cell)
+def numerical_viscosity(body: Body, cell: float, step: float) -> float:
+    """Dynamic viscosity that matter seems to have beside its own in vortices nine cells across [Pa s].
+
+    cell: side of a cell [m]; step: of all matter on the grid [s], as what is stiff beside it shortens that
+    """
+    return _VORTEX * body.material.density * cell**2 / step
 
 
 def _refuse(
@@ -303,11 +310,13 @@ def _refuse(
             raise Refusal("R9", f"{name!r}: its own weight squashes it by {squashed:.3g}; allowed: {limit:g}, a "
                           f"modulus {squashed / limit:.3g} times as high")  # fmt: skip
     for name, body in zip(names, bodies, strict=True):
-        own, due = numerical_viscosity(body, cell), body.material.thickness()
+        own, due = numerical_viscosity(body, cell, longest_step(bodies, cell)), body.material.thickness()
         if isinstance(body.material, Newtonian) and due < own:
+            finer = min(own / due, _FINEST) if due else _FINEST
+            left = numerical_viscosity(body, cell / finer, longest_step(bodies, cell / finer))
+            would = f", or {finer:.3g} times as many cells" if left < 1.001 * due else ""
             raise Refusal("R7", f"{name!r}: a dynamic viscosity of {due:.3g} Pa s, less than the method's own at "
-                          f"cells of {cell:.3g} m; allowed: {own:.3g} Pa s, or {own / max(due, 1e-9):.3g} times "
-                          f"as many cells")  # fmt: skip
+                          f"cells of {cell:.3g} m; allowed: {own:.3g} Pa s{would}")  # fmt: skip
     work = (sum(most) + _LEAST_COST) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
     if work > _MOST_UPDATES:
         raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m; allowed: {_MOST_UPDATES:.0e}, "

@@ -15,8 +15,9 @@ plain additions, in an order that no number of threads changes; columns along z 
 Only blocks that particles can touch are cleared and advanced. The grid's nodes are multiples of Δx from the world's
 origin, wherever it begins and however far it reaches; it grows with the motion.
 
-Defects: explicit, stable below `longest_step` only; affine velocities damp shear as if by a viscosity, some 10 Pa s at
-Δx = 1/64 m and 1000 kg/m³; what is more than two cells apart has separated; bodies that share a node stick together.
+Defects: explicit, stable below `longest_step` only; affine velocities damp what is few cells wide as if by a
+viscosity (`medium.numerical_viscosity`); smooth walls take some of what flows past them, too; what is more than two
+cells apart has separated; bodies that share a node stick together.
 """
 
 import math

@@ -380,7 +380,7 @@ _PARTICLES: Final = {
 
 _CONSTANTS: Final = {
     "bulk": ("m3", "volume of a particle at rest"),
-    "numerical_viscosity": ("Pa s", "that the method adds to its own where it is stirred"),
+    "numerical_viscosity": ("Pa s", "that the method adds to its own, in vortices nine cells across"),
 }  # fmt: skip
 
 

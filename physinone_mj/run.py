@@ -52,7 +52,7 @@ class Cloud:
     Σ J V₀ [m³]; low, high (T, 3): corners of the box around it [m]
     particles: position, velocity (F, n, 3) single precision [m, m/s], stretch (F, n): J; present (F,): how many of the
     n are there yet (an inlet adds to them); bulk: volume of one particle at rest [m³]
-    numerical_viscosity: dynamic viscosity that the method adds to its own where it is stirred [Pa s]
+    numerical_viscosity: dynamic viscosity that the method adds to its own, in vortices nine cells across [Pa s]
     """
 
     mass: Array

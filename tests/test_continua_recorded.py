@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from physinone_mj.base import Verdict
+from physinone_mj.continuum import Elastic
 from physinone_mj.dataset import Job, generate, reproduce, verify
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
@@ -66,8 +68,9 @@ def test_what_is_recorded(bar: Path) -> None:
         assert piece["mass"][0] == pytest.approx(float(piece["bulk"][()]) * position.shape[1] * 1000.0, rel=1e-9)
     (told,) = json.loads((bar / "properties.json").read_text()).values()
     assert told["material"] == "Elastic"
-    assert told["young"] > 0
-    assert told["numerical_viscosity"] > 0
+    modulus = Elastic(young=told["young"], poisson=told["poisson"]).stiffness()
+    step = 0.3 * told["cell"] / math.sqrt(modulus / told["density"])
+    assert told["numerical_viscosity"] == pytest.approx(0.007 * told["density"] * told["cell"] ** 2 / step, rel=1e-9)
 
 
 @pytest.mark.parametrize("key", ["centre", "momentum", "position", "velocity"])

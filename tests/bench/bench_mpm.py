@@ -1,11 +1,11 @@
-"""How fast the continuum solver is, beside a textbook one in this file: `python -m tests.bench.bench_mpm [FILE]`.
+"""How fast the continuum solver is, beside a textbook one: `python -m tests.bench.bench_mpm [FILE]`.
 
 100,000 particles, eight to a cell, fall at 5 m/s, so that they are sorted anew every 28 steps or so, which is counted.
 Both programs advance the same cloud in the same process, taking turns; the ratio is the median over the turns, so that
-a busy machine slows both alike. Times are the processor's. The textbook: one dense grid, cleared at every step, atomic
-additions, the deformation gradient, `ti.svd` where a material is plastic. Targets, as ratios with one thread in single
-precision: 6 elastic and Newtonian, 5 plastic. The ratio depends on the machine, as it is memory that the textbook
-waits for.
+a busy machine slows both alike. Times are the processor's. The textbook is `textbook` in tests/bench/bench_mpm.py,
+nobody else's program: one dense grid, cleared at every step, atomic additions, the deformation gradient, `ti.svd` where
+a material is plastic. Targets, as ratios with one thread in single precision: 6 elastic and Newtonian, 5 plastic. The
+ratio depends on the machine, as it is memory that the textbook waits for.
 
 What a second thread brings is read off the clock, by processes of one and of two threads that take turns, the median of
 their ratios; beside it what the machine can give, two processes of one thread each at the same time over one alone. The
@@ -13,6 +13,8 @@ target is 1.5 on two cores that nobody else uses. With a FILE, the tables go the
 """
 
 import json
+import os
+import platform
 import statistics
 import subprocess
 import sys
@@ -28,6 +30,8 @@ from numba import njit
 from mpm_sidecar._ti import start, ti
 from mpm_sidecar.transfer import Body, Solver
 from physinone_mj.continuum import Elastic, Granular, Newtonian, Plasticine, Viscoplastic
+
+from . import bench_viscosity
 
 COUNT, TURNS, STEPS, DT = 100_000, 15, 28, 1e-4
 MATERIALS = {
@@ -283,6 +287,14 @@ def roofs() -> tuple[float, float]:
     return best[0], best[1]
 
 
+def machine() -> str:
+    """Its cores, by the name that Linux has for them."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else []
+    names = {line.partition(":")[2].strip() for line in lines if line.startswith("model name")}
+    return f"{os.cpu_count()} cores, {', '.join(sorted(names)) or platform.machine()}"
+
+
 def asked(*words: Any) -> Any:
     """What a fresh process says."""
     text = subprocess.run(
@@ -317,10 +329,10 @@ def table() -> list[str]:
     width = ours("Elastic", 64, False)._clouds[0].records[0].nbytes
     rate = asked("rate", 0, 64)["Elastic"][0]
     lines += ["", (
-        f"One core reaches {arithmetic:.0f} GFLOP/s and {memory:.1f} GB/s. An elastic update is {FLOPS} operations "
-        f"and moves {4 * width} bytes: {arithmetic * 1e3 / FLOPS:.0f} or {memory * 1e3 / (4 * width):.0f} MPUPS at "
-        f"most; {rate:.2f} are {100 * rate * FLOPS / arithmetic / 1e3:.0f} % and "
-        f"{100 * rate * 4 * width / memory / 1e3:.0f} %."
+        f"Measured on {machine()}. One core reaches {arithmetic:.0f} GFLOP/s and {memory:.1f} GB/s. An elastic update "
+        f"is {FLOPS} operations and moves {4 * width} bytes: {arithmetic * 1e3 / FLOPS:.0f} or "
+        f"{memory * 1e3 / (4 * width):.0f} MPUPS at most; {rate:.2f} are "
+        f"{100 * rate * FLOPS / arithmetic / 1e3:.0f} % and {100 * rate * 4 * width / memory / 1e3:.0f} %."
     )]  # fmt: skip
     return lines
 
@@ -334,7 +346,10 @@ def main() -> None:
         else:
             print(json.dumps(first(False, rest[0]) if kind == "first" else child(rest[0] == "1", int(rest[1]))))
         return
-    text = "\n".join(["# Speed of the continuum solver", "", (__doc__ or "").strip(), "", *table(), ""])
+    text = "\n".join([
+        "# Speed of the continuum solver", "", (__doc__ or "").strip(), "", *table(), "",
+        "## Its own viscosity", "", (bench_viscosity.__doc__ or "").strip(), "", *bench_viscosity.table(), "",
+    ])  # fmt: skip
     print(text)
     if sys.argv[1:]:
         Path(sys.argv[1]).write_text(text)
