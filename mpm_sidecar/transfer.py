@@ -1,4 +1,4 @@
-"""Particles to grid and back: MLS-MPM with quadratic B-splines and affine velocities, on the CPU.
+"""Particles to grid and back: MLS-MPM with quadratic B-splines and affine velocities.
 
     grid      p_i = Σ w_ip (m v_p + A_p (x_i - x_p)),  m_i = Σ w_ip m,  A_p = m C_p - Δt V₀ (4/Δx²) τ_p
     velocity  v_i = p_i/m_i + Δt g, then what it meets
@@ -14,6 +14,9 @@ apart, and a particle may drift by a cell before they are sorted again: so slabs
 plain additions, in an order that no number of threads changes; columns along z of four colours, where slabs are few.
 Only blocks that particles can touch are cleared and advanced. The grid's nodes are multiples of Δx from the world's
 origin, wherever it begins and however far it reaches; it grows with the motion.
+
+Particles and grid are the CPU's. Where Taichi runs on a GPU it copies them there and back for every kernel, and what is
+between kernels (sorting, the grid's own step) stays on the CPU; nobody has tried that, and it is not meant to be fast.
 
 Defects: explicit, stable below `longest_step` only; affine velocities damp what is few cells wide as if by a
 viscosity (`medium.numerical_viscosity`); smooth walls take some of what flows past them, too; what is more than two
@@ -483,8 +486,8 @@ class Solver:
         bearers: what stands in the way; after each step they are where they then are.
         period: length after which the world repeats itself along each axis [m], whole cells, 8 at least, or infinite.
         double: in double precision.
-        atomic: add up on the grid in whole numbers of a quantum, in any order, as a GPU has to (where it is the
-            default); the same bits for any order of particles, too, and slower on a CPU.
+        atomic: add up on the grid in whole numbers of a quantum, in any order, as a GPU has to; the same bits for any
+            order of particles, too, and slower on a CPU. Unless said, as what Taichi runs on needs it.
         sparse: pass over blocks that no particle can touch; False to show that it changes nothing.
 
     Raises:

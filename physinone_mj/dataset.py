@@ -259,7 +259,7 @@ def _write(job: Job, folder: Path, progress: Progress) -> None:
             "particles": job.particles,
         },
         "state_sha256": state_digest(run),
-        "versions": _versions(),
+        "versions": _versions(run),
         "gl": gl,
         "seconds": {
             "simulate": simulated - begun, "check_and_annotate": checked - simulated, "render": rendered - checked,
@@ -707,7 +707,7 @@ def reproduce(folder: Path, *, progress: Progress | None = None) -> Report:
     except (Refusal, OverflowError) as why:
         raise NotAScene(f"{folder}/provenance.json: {why}") from None
     if state_digest(run) != provenance.get("state_sha256"):
-        recorded, here = provenance.get("versions"), _versions()
+        recorded, here = provenance.get("versions"), _versions(run)
         recorded = recorded if isinstance(recorded, dict) else {}
         other = [f"{k} {recorded.get(k)} here {v}" for k, v in here.items() if recorded.get(k) != v]
         reason = f" (made with other versions: {'; '.join(other)})" if other else ""
@@ -759,8 +759,14 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _versions() -> dict[str, str]:
+def _versions(run: Run) -> dict[str, str]:
+    """Of what made a run: by name, and of its matter, if there is any, what computed that and on what."""
+    of_matter = {}
+    if run.clouds:
+        from mpm_sidecar._ti import version
+
+        of_matter["matter"] = version()
     return {
         "python": platform.python_version(), "machine": platform.machine(), "system": platform.system(),
-        **{name: importlib.metadata.version(name) for name in _PACKAGES},
+        **{name: importlib.metadata.version(name) for name in _PACKAGES}, **of_matter,
     }  # fmt: skip

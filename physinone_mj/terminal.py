@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 EXPECTED: Final = {
+    "mpm_sidecar._ti.NoDevice",
     "physinone_mj.base.ParameterError",
     "physinone_mj.checks.ProcessDied",
     "physinone_mj.dataset.NotAScene",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import math
+import shutil
 from pathlib import Path
 
 import h5py
@@ -12,9 +14,10 @@ import pytest
 
 from physinone_mj.base import Verdict
 from physinone_mj.continuum import Elastic
-from physinone_mj.dataset import Job, generate, reproduce, verify
+from physinone_mj.dataset import Job, _versions, generate, reproduce, verify
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
+from tests.conftest import nominal
 
 
 @pytest.fixture(autouse=True)
@@ -71,6 +74,28 @@ def test_what_is_recorded(bar: Path) -> None:
     modulus = Elastic(young=told["young"], poisson=told["poisson"]).stiffness()
     step = 0.3 * told["cell"] / math.sqrt(modulus / told["density"])
     assert told["numerical_viscosity"] == pytest.approx(0.007 * told["density"] * told["cell"] ** 2 / step, rel=1e-9)
+
+
+def test_what_computed_matter_is_recorded(bar: Path) -> None:
+    """And named, if it is another that does not find the same states; a scene without matter knows nothing of it."""
+    from mpm_sidecar._ti import ti
+
+    told = json.loads((bar / "provenance.json").read_text())
+    name, number, on, arch = told["versions"]["matter"].split()
+    assert (name, on) == (ti.__name__, "on")
+    assert number == importlib.metadata.version(name)
+    assert arch in ("x64", "arm64")
+    assert "matter" not in _versions(nominal(46, DRAFT))
+
+
+def test_another_that_computed_matter_is_named(bar: Path, tmp_path: Path) -> None:
+    """Where the states are not what they were."""
+    copy = shutil.copytree(bar, tmp_path / bar.name)
+    told = json.loads((copy / "provenance.json").read_text())
+    told["versions"]["matter"], told["state_sha256"] = "taichi 0.1 on abacus", "0" * 64
+    (copy / "provenance.json").write_text(json.dumps(told))
+    (line,) = reproduce(copy).problems
+    assert "other versions: matter taichi 0.1 on abacus here " in line
 
 
 @pytest.mark.parametrize("key", ["centre", "momentum", "position", "velocity"])

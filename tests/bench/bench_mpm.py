@@ -7,6 +7,9 @@ nobody else's program: one dense grid, cleared at every step, atomic additions, 
 a material is plastic. Targets, as ratios with one thread in single precision: 6 elastic and Newtonian, 5 plastic. The
 ratio depends on the machine, as it is memory that the textbook waits for.
 
+All of it runs on the CPU. Where Taichi is told to run on a GPU (TI_ARCH=cuda), particles and grid travel there and back
+for every kernel; nobody has tried that, and no speed is claimed for it.
+
 What a second thread brings is read off the clock, by processes of one and of two threads that take turns, the median of
 their ratios; beside it what the machine can give, two processes of one thread each at the same time over one alone. The
 target is 1.5 on two cores that nobody else uses. With a FILE, the tables go there, too.
