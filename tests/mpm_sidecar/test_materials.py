@@ -306,3 +306,13 @@ def test_sand_remembers_the_volume_that_it_gained() -> None:
     s, _ = respond(Granular(), np.zeros((1, 7)), 0.01 * np.eye(3)[None])
     assert stretch(Granular(), s) == pytest.approx(1.01**3, rel=1e-9)
     assert materials.energy(Granular(), s) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_has_no_law_is_told() -> None:
+    """A material of one's own, though it is derived from one that has: its law would be that one's."""
+
+    class Mud(Newtonian):
+        pass
+
+    with pytest.raises(TypeError, match=r"^no law for Mud; allowed: Elastic, Plasticine, Viscoplastic, Granular, New"):
+        law(Mud(), ti.f32)

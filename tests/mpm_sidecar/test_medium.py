@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -14,7 +15,7 @@ from mpm_sidecar.transfer import Body
 from physinone_mj.base import Param, Phenomenon, Refusal
 from physinone_mj.constants import STANDARD_GRAVITY
 from physinone_mj.contact import Surface
-from physinone_mj.continuum import Box, Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Piece
+from physinone_mj.continuum import Box, Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Piece, Wall
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
 from physinone_mj.scene import Scene, free_pose
@@ -199,6 +200,10 @@ def test_an_inlet_pours_what_it_says() -> None:
     ("continuum", "told"),
     [
         (Continuum([cube(height=0.03)], [FLOOR]), "R1: 'cube' lies 0.01"),
+        (
+            Continuum([cube(height=0.5)], walls=[Wall((0.03, 0, 0), (-1, 0, 0))]),
+            r"R1: 'cube' lies 0\.01\d* m deep in a wall at the start; allowed: 0\.00\d m$",
+        ),
         (Continuum([cube(Elastic(young=2000.0))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.4"),
         (Continuum([cube(Newtonian(bulk=1e3))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.1"),
         (Continuum([cube(Granular(young=1e5))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.01"),
@@ -209,6 +214,42 @@ def test_what_cannot_be_computed_is_refused(continuum: Continuum, told: str) -> 
     """Before the first step, with the number and what is allowed."""
     with pytest.raises(Refusal, match=told):
         simulate(_still(continuum), fidelity=DRAFT)
+
+
+HILL = """<mujoco><asset><hfield name="hill" nrow="2" ncol="2" size="1 1 1 1"/></asset>
+<worldbody><geom name="hill" type="hfield" hfield="hill"/></worldbody></mujoco>"""
+
+
+def _bare(continuum: Continuum, words: str = "<mujoco/>") -> medium.Medium:
+    """A continuum in a model of MuJoCo's own words."""
+    model = mujoco.MjModel.from_xml_string(words)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return medium.Medium(continuum, model, data, cell=0.0125, gravity=STANDARD_GRAVITY, duration=0.1)
+
+
+def test_what_has_no_distances_is_refused() -> None:
+    """Of MuJoCo's shapes, a field of heights."""
+    with pytest.raises(Refusal, match=r"R7: hill: matter cannot meet a geom of type mjGEOM_HFIELD; allowed: plane, "
+                                      r"sphere, capsule, ellipsoid, cylinder, box, mesh$"):  # fmt: skip
+        _bare(Continuum([cube(height=2.0)], [Meeting("hill")]), HILL)
+
+
+def test_a_first_run_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """A line for each material that is not in the cache, however many pieces are of it, and not among the results."""
+    asked: list[str] = []
+    monkeypatch.setattr(medium, "compiles", lambda name: asked.append(name) or name != "Granular")
+    others = [
+        Piece(name, material, Box((0.05,) * 3), (x, 0.0, 0.5))
+        for name, material, x in (("jelly", Elastic(), 0.2), ("sand", Granular(), 0.4), ("honey", Newtonian(), 0.6))
+    ]
+    _bare(Continuum([cube(height=0.5), *others]))
+    assert asked == ["Elastic", "Granular", "Newtonian"]
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err == "".join(
+        f"compiling the kernels for {name} (once on this machine)\n" for name in ("Elastic", "Newtonian")
+    )
 
 
 @pytest.mark.parametrize(

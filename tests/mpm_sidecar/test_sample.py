@@ -526,6 +526,13 @@ def test_too_many_triangles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None
         meshes.sound(ball(), "it")
 
 
+def test_too_many_shells_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meshes, "MOST_SHELLS", 1)
+    meshes.sound(cube(), "it")
+    with pytest.raises(ValueError, match=r"^mesh it: 2 separate shells; allowed: 1$"):
+        meshes.sound(two(cube(), cube(), (3, 0, 0)), "it")
+
+
 THIN: list[tuple[Shape, float]] = [
     (Box((0.2, 0.2, 0.019)), 0.038),
     (Ball(0.019), 0.038),

@@ -295,6 +295,15 @@ def test_what_breaks_says_so() -> None:
         solver.advance(0.01)
 
 
+def test_what_flies_apart_says_so() -> None:
+    """Before a grid is made that no memory holds: its blocks of four cells, and eight more along each axis."""
+    taichi_at(ti.f32)
+    points = np.array([[0.0, 0.0, 0.0], [1e4, 0.0, 0.0]])
+    nodes = (4 * (80_001 + 8)) * (4 * (1 + 8)) ** 2
+    with pytest.raises(ArithmeticError, match=rf"^the particles spread over {nodes} nodes; allowed: {2**28}$"):
+        Solver([Body(Elastic(), points, 1e-6)], 1 / 32).step(1e-5)
+
+
 @pytest.mark.parametrize("component", [0, 1, 2])
 def test_one_velocity_that_is_not_a_number_is_seen(component: int) -> None:
     """After the step in which it comes, whichever it is, of whichever of eight particles."""
