@@ -197,7 +197,7 @@ class NewtonianFluidFall(Poured, domain="fluids"):
         return [late_growth(current.t, x) ** 0.2 / scale for x in reach], [1.411, 1.411]
 
     @law("x̄ ∝ (g L⁶ t/ν)^⅕", source="H. E. Huppert, J. Fluid Mech. 121 (1982) 43, §2: no time scale but ν/(g L)",
-         within=(5e-2, 3e-2, 2e-2), limited_by="inertia is small, not nothing")  # fmt: skip
+         within=(5e-2, 3e-2, 3e-2), limited_by="inertia is small, not nothing")  # fmt: skip
     def viscosity_sets_the_clock(self, run: Run) -> Measurement:
         """69c: growth of the fifth power of the centres of mass of two currents, in the second of which √(g L) L/ν is
         5/3 as great, in the measure of each one's own viscosity, size and weight: both as one front's prefactor."""
