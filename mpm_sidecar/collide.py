@@ -43,6 +43,8 @@ by several threads takes so many turns, of which the first one works."""
 
 TOUCH: Final = 1e-4
 """Part of a cell by which a node may be off a surface and still be on it."""
+_MIDDLE: Final = 1e-15
+"""Distance from an ellipsoid's centre, in its radii, up to which it has no normal."""
 _TURNS: Final = TASK // 16
 """Of a block: sixteen of them are a thread's task."""
 
@@ -62,11 +64,24 @@ def _plane(real: Any) -> Any:
     return distance
 
 
+@ti.func
+def _length(x, least):
+    """Length of a vector, with a least one beside it, and its direction; where it has none any will do: the first
+    axis, as zero would stop nothing."""
+    square = x.dot(x)
+    far = ti.sqrt(square) + least
+    way = x / far
+    if square == 0:
+        for i in ti.static(range(3)):
+            way[i] = 1.0 if ti.static(i == 0) else 0.0
+    return far, way
+
+
 def _ball(real: Any) -> Any:
     @ti.func
     def distance(x, size, _field: ti.template(), _counts, _corner, _spacing):
-        far = ti.sqrt(x.dot(x)) + ti.cast(1e-30, real)
-        return far - size[0], x / far
+        far, way = _length(x, ti.cast(1e-30, real))
+        return far - size[0], way
 
     return distance
 
@@ -76,7 +91,16 @@ def _ellipsoid(real: Any) -> Any:
     def distance(x, size, _field: ti.template(), _counts, _corner, _spacing):
         near, steep = x / size, x / (size * size)
         far, slope = ti.sqrt(near.dot(near)), ti.sqrt(steep.dot(steep)) + ti.cast(1e-30, real)
-        return far * (far - 1) / slope, steep / slope
+        d, way = far * (far - 1) / slope, steep / slope
+        if far < ti.static(_MIDDLE):  # its distance is that along the axis on which one lies: the shortest leads out
+            least, found = ti.min(size[0], size[1], size[2]), 0
+            d = -least
+            for i in ti.static(range(3)):
+                way[i] = 0.0
+                if found == 0 and size[i] == least:
+                    way[i] = 1.0
+                    found = 1
+        return d, way
 
     return distance
 
@@ -86,8 +110,8 @@ def _capsule(real: Any) -> Any:
     def distance(x, size, _field: ti.template(), _counts, _corner, _spacing):
         r = x
         r[2] -= ti.min(ti.max(x[2], -size[1]), size[1])
-        far = ti.sqrt(r.dot(r)) + ti.cast(1e-30, real)
-        return far - size[0], r / far
+        far, way = _length(r, ti.cast(1e-30, real))
+        return far - size[0], way
 
     return distance
 
@@ -126,13 +150,17 @@ def _box(real: Any) -> Any:
 def _cylinder(real: Any) -> Any:
     @ti.func
     def distance(x, size, _field: ti.template(), _counts, _corner, _spacing):
-        across = ti.sqrt(x[0] ** 2 + x[1] ** 2) + ti.cast(1e-30, real)
+        square = x[0] ** 2 + x[1] ** 2
+        across = ti.sqrt(square) + ti.cast(1e-30, real)
         out = ti.Vector([across - size[0], ti.abs(x[2]) - size[1], -1e30])
         d, way = _corner_of(out, ti.max(out[0], out[1]))
         up = way[1]
         if x[2] < 0:
             up = -up
-        return d, ti.Vector([way[0] * x[0] / across, way[0] * x[1] / across, up], real)
+        side = way[0] * x[0] / across
+        if square == 0:
+            side = way[0]
+        return d, ti.Vector([side, way[0] * x[1] / across, up], real)
 
     return distance
 
@@ -163,7 +191,8 @@ def _mesh(real: Any) -> Any:
             step = ti.Vector.zero(real, 3)
             step[i] = 0.5
             n[i] = value(at + step, field, counts) - value(at - step, field, counts)
-        return d, n / (ti.sqrt(n.dot(n)) + ti.cast(1e-30, real))
+        _, way = _length(n, ti.cast(1e-30, real))
+        return d, way
 
     return distance
 
@@ -363,7 +392,9 @@ class Obstacle:
         if self.values is not None:
             corners = np.array([self.corner, np.add(self.corner, np.multiply(self.spacing, self.values.shape))])
             return float(np.linalg.norm(np.abs(corners).max(axis=0)))
-        return {"plane": 1e30, "ball": max(self.size, default=0.0)}.get(self.shape, math.hypot(*self.size))
+        if self.shape in ("ball", "capsule"):
+            return sum(self.size)
+        return 1e30 if self.shape == "plane" else math.hypot(*self.size)
 
     @classmethod
     def wall(cls, wall: Wall) -> "Obstacle":

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mpm_sidecar._ti import ti
-from mpm_sidecar.collide import Bearer, Obstacle
+from mpm_sidecar.collide import TOUCH, Bearer, Obstacle
 from mpm_sidecar.transfer import Body, Solver
 from physinone_mj.continuum import Elastic, Grip, Newtonian, Wall
 
@@ -77,6 +77,64 @@ def test_distance_of_an_ellipsoid() -> None:
     for off in (1e-4, -1e-4):
         assert obstacle.depth(on + off * normal) == pytest.approx(np.full(200, off), rel=2e-2)
     assert Obstacle("ellipsoid", (0.3,) * 3).depth(0.5 * way) == pytest.approx(np.full(200, 0.2), rel=1e-12)
+
+
+def _field(size: tuple[float, float]) -> Obstacle:
+    """A capsule as a mesh: its distances."""
+    ticks = np.arange(-0.6, 0.61, 0.04)
+    grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1)
+    inner = np.clip(grid[..., 2:], -size[1], size[1]) * (0, 0, 1)
+    values = (np.linalg.norm(grid - inner, axis=-1) - size[0]).astype(np.float32)
+    return Obstacle("mesh", (), "slip", values=values, corner=(-0.6,) * 3, spacing=0.04)
+
+
+SHAPES = [
+    Obstacle("ball", (0.5,), "slip"), Obstacle("ellipsoid", (0.5, 0.3, 0.2), "slip"),
+    Obstacle("capsule", (0.3, 0.2), "slip"), Obstacle("capsule", (0.05, 0.5), "slip"),
+    Obstacle("box", (0.3, 0.35, 0.4), "slip"), Obstacle("cylinder", (0.3, 0.4), "slip"),
+    Obstacle("cylinder", (0.5, 0.1), "slip"), _field((0.3, 0.2)),
+]  # fmt: skip
+shaped = pytest.mark.parametrize("obstacle", SHAPES, ids=lambda o: f"{o.shape} {o.size}")
+
+
+ASKEW = np.sqrt([1.0, 2.0, 3.0])
+"""At right angles to no direction from node to node."""
+
+
+def met(obstacle: Obstacle, nodes: int, dx: float) -> tuple[Array, Array]:
+    """Nodes of a cube of that many a side about the origin (n, 3), which all hold matter that moves askew, and what is
+    left of its velocity (n, 3)."""
+    axis = dx * np.arange(-nodes // 2, nodes // 2)
+    places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    grid = np.tile([*ASKEW, 1.0], (len(places), 1))
+    blocks = np.arange((nodes // 4) ** 3, dtype=np.int32)
+    Bearer([obstacle]).meet(grid, blocks, (nodes,) * 3, places[0], dx, ti.f64)
+    return places, grid[:, :3]
+
+
+@shaped
+def test_all_that_lies_in_a_shape_meets_it(obstacle: Obstacle) -> None:
+    """Every node in it, as far out as it goes in any direction, and no other."""
+    taichi_at(ti.f64)
+    dx = 1 / 48
+    places, after = met(obstacle, 64, dx)
+    within = obstacle.depth(places) <= TOUCH * dx
+    assert within.any()
+    assert ((after != ASKEW).any(axis=1) == within).all()
+
+
+@shaped
+def test_there_is_a_way_out_of_the_very_middle(obstacle: Obstacle) -> None:
+    """Where all normals are alike, or none is nearest, matter is still stopped along one of them."""
+    taichi_at(ti.f64)
+    places, after = met(obstacle, 8, 0.01)
+    left = after[(places == 0).all(axis=1)][0]
+    lost = ASKEW - left
+    assert np.linalg.norm(lost) > 0.99
+    assert lost @ left == pytest.approx(0.0, abs=1e-12)
+    if obstacle.shape != "mesh":
+        nearest = obstacle.size[0] if obstacle.shape == "capsule" else min(obstacle.size)
+        assert obstacle.depth(np.zeros((1, 3))) == pytest.approx(-nearest)
 
 
 def test_distance_of_a_field() -> None:
