@@ -429,6 +429,14 @@ class Bearer:
     twist: Array = field(default_factory=lambda: np.zeros(3))
     latest: Array = field(default_factory=lambda: np.zeros(6))
 
+    def speed(self, low: Array, high: Array) -> float:
+        """That nothing of it exceeds within a box from corner to corner (3,) [m]; [m/s]."""
+        if not (self.velocity.any() or self.spin.any()):
+            return 0.0
+        away = float(np.linalg.norm(np.maximum(np.abs(low - self.pivot), np.abs(high - self.pivot))))
+        reach = max((float(np.linalg.norm(o.centre - self.pivot)) + o.reach for o in self.obstacles), default=0.0)
+        return float(np.linalg.norm(self.velocity)) + float(np.linalg.norm(self.spin)) * min(reach, away)
+
     def move(self, dt: float) -> None:
         """Go on for a time [s] as it moves now."""
         angle = float(np.linalg.norm(self.spin)) * dt

@@ -51,6 +51,8 @@ _COURANT: Final = 0.3
 """Part of a cell that sound and motion together may cross in a step."""
 _VISCOUS: Final = 0.1
 """Part of ρ Δx²/η that a step may be."""
+_MOST_STEPS: Final = 100_000
+"""Of an `advance`, fifty times as many as the finest of the scenes needs: what needs more has run away."""
 _ENDLESS: Final = 1e30
 """A speed [m/s] that stands for what is infinite or not a number."""
 _MOST_NODES: Final = 2**28
@@ -524,6 +526,8 @@ class Solver:
         self._active, self._sparse = np.zeros(0, np.int32), sparse
         self._drift, self._last = math.inf, 0.0
         self._fastest = max(float(np.abs(c.records[:, _VELOCITY]).max()) for c in self._clouds)
+        self._low = np.min([np.min(body.points, axis=0) for body in bodies], axis=0)
+        self._high = np.max([np.max(body.points, axis=0) for body in bodies], axis=0)
 
     def positions(self, body: int = 0) -> Array:
         """(n, 3) [m], in the order in which they were given."""
@@ -553,6 +557,8 @@ class Solver:
         cloud.records = np.concatenate([cloud.records, new])
         cloud.spare = np.empty_like(cloud.records)
         self._fastest = max(self._fastest, float(np.abs(new[:, _VELOCITY]).max(initial=0.0)))
+        self._low = np.minimum(self._low, np.min(points, axis=0, initial=math.inf))
+        self._high = np.maximum(self._high, np.max(points, axis=0, initial=-math.inf))
         self._drift = math.inf
 
     def momentum(self) -> Array:
@@ -562,14 +568,19 @@ class Solver:
     def advance(self, duration: float) -> int:
         """Go on for so long [s], in as many steps as stability needs; returns how many.
 
-        ArithmeticError if anything is not finite, before the next step.
+        ArithmeticError before the next step if anything is not finite, or so fast that it would be one of more than
+        100 000.
         """
         left, taken = duration, 0
         while left > 1e-9 * duration:
             if not self._fastest < _ENDLESS:
                 raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
-            longest = longest_step(self.bodies, self.dx, 2 * self._fastest + 1e-3)
+            speed = self._speed()
+            longest = longest_step(self.bodies, self.dx, 2 * speed + 1e-3)
             parts = max(1, math.ceil(left / longest))
+            if taken + parts > _MOST_STEPS:
+                raise ArithmeticError(f"{taken + parts} steps in {duration:.3g} s from t = {self.time:.6g} s on, at "
+                                      f"{speed:.3g} m/s; allowed: {_MOST_STEPS}")  # fmt: skip
             dt = left / parts
             before = [cloud.momentum() for cloud in self._clouds] if parts == 1 else []
             share = dt / (self._last + dt)  # of the change from the middle of the step before, what is still to come
@@ -580,9 +591,14 @@ class Solver:
             taken += 1
         return taken
 
+    def _speed(self) -> float:
+        """That of what is fastest, of matter and of what may drag it along [m/s]."""
+        low, high = self._low - 2 * self.dx, self._high + 2 * self.dx  # particles drift before they are sorted again
+        return max([self._fastest, *(bearer.speed(low, high) for bearer in self.bearers)])
+
     def step(self, dt: float) -> None:
         """One step of a length [s]."""
-        if self._drift + 2 * self._fastest * dt > 0.9 * self.dx:
+        if self._drift + 2 * self._speed() * dt > 0.9 * self.dx:
             self._sort()
         grid, active = self._grid, self._active
         given, (ny, nz) = self._numbers(dt), self._shape[1:]
@@ -659,6 +675,7 @@ class Solver:
         low, high = np.min([s[0] for s in spans], axis=0), np.max([s[1] for s in spans], axis=0)
         if not np.isfinite([low, high]).all():
             raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
+        self._low, self._high = low, high
         side = _SIDE * self.dx
         first, last = np.floor(low / side).astype(int), np.floor(high / side).astype(int)
         first, last = np.where(self._cycle, -1, first), np.where(self._cycle, self._cycle // _SIDE + 1, last)

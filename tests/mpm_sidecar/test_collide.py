@@ -216,6 +216,41 @@ def test_what_one_side_loses_the_other_gains(mass: float, grip: Grip) -> None:
         assert -4.5 < bearer.velocity[0] < -1.5  # taken along, or thrown off elastically at most at twice the speed
 
 
+@pytest.mark.parametrize("speed", [30.0, 100.0])
+@pytest.mark.parametrize("turns", [False, True])
+def test_steps_are_short_enough_for_what_strikes(speed: float, turns: bool) -> None:
+    """A plate, or its end as it turns, that takes matter at rest along at many times the speed of sound: no step lets
+    it pass through."""
+    taichi_at(ti.f64)
+    dx = 0.01
+    points = block((6, 6, 6), (0.0, 0.0, 0.0)).points * dx / DX
+    arm = 0.3 if turns else 0.0
+    pivot = np.array([0.03 - arm, 0.03, -0.03])
+    plate = Bearer([Obstacle("box", (arm + 0.05, 0.05, 0.005), "stick", centre=pivot.copy())], pivot=pivot)
+    if turns:
+        plate.spin = np.array([0.0, -speed / arm, 0.0])
+    else:
+        plate.velocity = np.array([0.0, 0.0, speed])
+    solver = Solver([Body(Elastic(young=1e4), points, dx**3 / 8)], dx, bearers=[plate], double=True)
+    for _ in range(4):
+        solver.advance(0.02 / speed)
+    (box,) = plate.obstacles
+    assert ((solver.positions() - box.centre) @ box.turn)[:, 2].min() > -dx  # none of it has got behind it
+    assert solver.velocities()[:, 2].mean() > 0.8 * speed
+    assert np.abs(solver.velocities()).max() < 1.5 * speed
+
+
+def test_what_stands_still_or_does_not_reach_is_not_fast() -> None:
+    """The greatest speed within a box of a surface: a half space that turns has none without it."""
+    ball = Bearer([Obstacle("ball", (0.1,), centre=np.array([1.0, 0.0, 0.0]))], pivot=np.array([0.5, 0.0, 0.0]))
+    low, high = np.array([-1.0, 0.0, 0.0]), np.array([9.0, 0.0, 0.0])
+    assert ball.speed(low, high) == 0.0
+    ball.velocity, ball.spin = np.array([3.0, 4.0, 0.0]), np.array([0.0, 0.0, 2.0])
+    assert ball.speed(low, high) == pytest.approx(5.0 + 2 * 0.6)
+    wall = Bearer([Obstacle("plane")], spin=np.array([0.0, 0.0, 2.0]))
+    assert wall.speed(low, high) == pytest.approx(18.0)
+
+
 @pytest.mark.parametrize("slope", [0.2, 0.5])
 def test_a_block_slides_down_by_coulombs_law(slope: float) -> None:
     """a = g (sin θ - μ cos θ) where tan θ > μ, else it stands."""

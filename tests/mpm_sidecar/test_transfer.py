@@ -287,6 +287,16 @@ def test_more_particles_than_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) 
         solver.add(0, points[:1], (0, 0, 0))
 
 
+def test_what_runs_away_is_not_followed() -> None:
+    """At 10⁷ m/s a millisecond would be millions of steps; told before the first of them, with the speed."""
+    taichi_at(ti.f32)
+    dx = 1 / 32
+    solver = Solver([body(Elastic(), cube((2, 2, 2), dx), dx, (1e7, 0, 0))], dx)
+    with pytest.raises(ArithmeticError, match=r"2\d{6} steps in 0.001 s from t = 0 s on, at 1e\+07 m/s; .*: 100000"):
+        solver.advance(1e-3)
+    assert solver.steps == 0
+
+
 def test_what_breaks_says_so() -> None:
     taichi_at(ti.f32)
     dx = 1 / 32
