@@ -274,7 +274,11 @@ def _pouring(
     number, velocity = names.index(inlet.piece), np.array(inlet.velocity, float)
     speed, volume = float(np.linalg.norm(velocity)), bodies[names.index(inlet.piece)].volume
     lasts = min(inlet.stop, duration) - inlet.start
-    count = round(math.pi * inlet.radius**2 * speed * max(lasts, 0.0) / volume)
+    due = math.pi * inlet.radius**2 * speed * max(lasts, 0.0) / volume
+    if due > sample.MOST_PARTICLES:
+        raise Refusal("R10", f"an inlet pours {due:.3g} particles of {inlet.piece!r}; allowed: "
+                      f"{sample.MOST_PARTICLES:.3g}")  # fmt: skip
+    count = round(due)
     # one after the other, and the additive recurrence of the plastic number's powers (M. Roberts, 2018) spreads any
     # that follow each other evenly over the round: however long and thin the jet is, a short piece of it is full
     phi = 1.324717957244746

@@ -344,6 +344,8 @@ class Inlet:
     def __post_init__(self) -> None:
         if not 0 < self.radius < math.inf or not 0 < math.hypot(*self.velocity) < math.inf:
             raise ValueError(f"radius = {self.radius} m, velocity = {self.velocity} of an inlet; allowed: positive")
+        if not np.isfinite(self.position).all():
+            raise ValueError(f"position = {self.position} of an inlet; allowed: finite numbers")
         if not 0 <= self.start < self.stop:
             raise ValueError(f"start = {self.start} s, stop = {self.stop} s of an inlet; allowed: 0 <= start < stop")
 
@@ -364,3 +366,11 @@ class Continuum:
     gravity: Vector | None = None
     ramp: float = 0.0
     period: Vector = (math.inf, math.inf, math.inf)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.ramp < math.inf:
+            raise ValueError(f"ramp = {self.ramp} s of a continuum; allowed: 0 or more")
+        if self.gravity is not None and not np.isfinite(self.gravity).all():
+            raise ValueError(f"gravity = {self.gravity} m/s² of a continuum; allowed: finite numbers")
+        if not all(length > 0 for length in self.period):
+            raise ValueError(f"period = {self.period} m of a continuum; allowed: positive, or infinite")

@@ -10,6 +10,7 @@ import pytest
 from physinone_mj.continuum import (
     Ball,
     Box,
+    Continuum,
     Elastic,
     Granular,
     Inlet,
@@ -77,6 +78,14 @@ def piece(**more: Any) -> Piece:
          "radius = 0.1 m, velocity = (0, 0, 0) of an inlet; allowed: positive"),
         (lambda: Inlet("it", (0, 0, 1), (0, 0, -1), 0.1, 2.0, 1.0),
          "start = 2.0 s, stop = 1.0 s of an inlet; allowed: 0 <= start < stop"),
+        (lambda: Inlet("it", (0, NAN, 1), (0, 0, -1), 0.1),
+         "position = (0, nan, 1) of an inlet; allowed: finite numbers"),
+        (lambda: Continuum(ramp=-1.0), "ramp = -1.0 s of a continuum; allowed: 0 or more"),
+        (lambda: Continuum(ramp=NAN), "ramp = nan s of a continuum; allowed: 0 or more"),
+        (lambda: Continuum(gravity=(0, 0, NAN)),
+         "gravity = (0, 0, nan) m/s² of a continuum; allowed: finite numbers"),
+        (lambda: Continuum(period=(0.0, 1.0, 1.0)),
+         "period = (0.0, 1.0, 1.0) m of a continuum; allowed: positive, or infinite"),
     ],
 )  # fmt: skip
 def test_impossible_declarations(wrong: Any, told: str) -> None:

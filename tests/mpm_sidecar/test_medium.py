@@ -258,6 +258,7 @@ def test_a_first_run_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch, caps
         (Continuum(), "pieces \\[\\] of a continuum"),
         (Continuum([cube(), cube()]), "each of its own name"),
         (Continuum([cube()], [Meeting("nobody")]), "no body or geom 'nobody'"),
+        (Continuum([cube()], inlets=[Inlet("cube", (9, 0, 9), (0, 0, -1e6), 1.0)]), "an inlet pours .* particles"),
         (Continuum([cube()], inlets=[Inlet("tea", (0, 0, 1), (0, 0, -1), 0.1)]), "piece = 'tea' of an inlet"),
     ],
 )
