@@ -20,7 +20,8 @@ between kernels (sorting, the grid's own step) stays on the CPU; nobody has trie
 
 Defects: explicit, stable below `longest_step` only; affine velocities damp what is few cells wide as if by a
 viscosity (`medium.numerical_viscosity`); smooth walls take some of what flows past them, too; what is more than two
-cells apart has separated; bodies that share a node stick together.
+cells apart has separated; bodies that share a node stick together; what is squashed ten times faster than sound goes to
+nothing within a cell, and may gain energy.
 """
 
 import math
@@ -33,7 +34,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from physinone_mj.continuum import Material
+from physinone_mj.continuum import Material, Newtonian
 
 from ._ti import kernels, ti
 from .collide import TASK, Bearer, begin
@@ -49,6 +50,8 @@ _ROOM: Final = 4
 """Blocks around them when it is made anew."""
 _COURANT: Final = 0.3
 """Part of a cell that sound and motion together may cross in a step."""
+_SQUEEZED: Final = 0.6
+"""Part that sound may cross where a fluid is squeezed most: 0.75 is seen to break."""
 _VISCOUS: Final = 0.1
 """Part of ρ Δx²/η that a step may be."""
 _MOST_STEPS: Final = 100_000
@@ -74,7 +77,7 @@ _VELOCITY: Final = slice(4, 7)
 # read a hundred numbers.
 _NY, _NZ, _CELLS, _ORIGIN, _KICK, _STRIDE, _PARTS = 0, 1, 2, 3, 6, 9, 13
 _MASS, _PUSH, _LAW = 17, 18, 19
-_NOTHING: Final = 23
+_NOTHING, _LEAST = 23, 24
 
 
 def _chunk(real: Any) -> int:
@@ -214,8 +217,10 @@ def _count_kernel(real: Any) -> Any:
 
 
 @kernels
-def _gather_kernel(law: Any, real: Any, state: int) -> Any:
+def _gather_kernel(law: Any, real: Any, state: int, fluid: bool) -> Any:
     """The grid's velocities to particles, and one material's law; returns the greatest component of a velocity.
+
+    fluid: its state is J - 1; the least of it, and of what is given already, goes where that was given
 
     In single precision the law's loop has no branch and no call, and its numbers are local: eight particles at once.
     These lie in fours, as in records, which the compiler turns into eights and back where all of each are used: so the
@@ -241,7 +246,7 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
             place, offset = ti.Vector.zero(ti.i32, size), ti.Matrix.zero(real, 3, size)
             weight = ti.Matrix.zero(real, 9, size)
             fast = ti.Vector.zero(real, size)  # of fewer than eight, the rest are others' or nobody's
-            top = ti.cast(0.0, real)
+            top, least = ti.cast(0.0, real), ti.cast(0.0, real)
             for chunk in range(ti.static(_RUN // size)):
                 first = part // ti.static(_TURNS) * _RUN + chunk * size
                 last = ti.min(first + size, rec.shape[0])
@@ -316,11 +321,15 @@ def _gather_kernel(law: Any, real: Any, state: int) -> Any:
                         for four in ti.static(range(fours)):
                             r[_STATE + 4 * four + c] = kept[four][q, c]
                     rec[p] = r
+                    if ti.static(fluid):
+                        least = ti.min(least, kept[0][q, 0])
                 for q in ti.static(range(size)):
                     if not fast[q] <= top:
                         top = ti.min(fast[q], ti.static(_ENDLESS))
             if top > fastest:
                 ti.atomic_max(fastest, top)
+            if ti.static(fluid):
+                ti.atomic_min(given[_LEAST], least)
         return fastest
 
     return gather
@@ -441,13 +450,20 @@ def _count(particles: int) -> None:
         raise ValueError(f"{particles} particles of a body; allowed: {_MOST_PARTICLES}")
 
 
-def longest_step(bodies: Sequence[Body], dx: float, speed: float = 0.0) -> float:
-    """Longest stable step [s] while nothing is faster than a speed [m/s] and little compressed."""
+def longest_step(bodies: Sequence[Body], dx: float, speed: float = 0.0, least: Sequence[float] = ()) -> float:
+    """Longest stable step [s] while nothing is faster than a speed [m/s]; least: J of each where it is squeezed most.
+
+    What is at rest is seen to break at steps 2.5 (a fluid) to 4 times as long (rubber that does not keep its volume).
+    That leaves room for all that solids stiffen by: flow softens them, a Hencky strain's moduli do not change, and
+    rubber's sound grows at most as its stretch does, which beyond 3 to 4 has parted its particles. A fluid's grows as
+    J⁻³, and so is followed.
+    """
     steps = [math.inf]
-    for body in bodies:
+    for body, stretch in zip(bodies, least or [1.0] * len(bodies), strict=True):
         material = body.material
         sound = math.sqrt(material.stiffness() / material.density)
         steps.append(_COURANT * dx / (sound + speed))
+        steps.append(_SQUEEZED * dx / math.sqrt(material.stiffness(stretch) / material.density))
         if material.thickness() > 0:
             steps.append(_VISCOUS * dx**2 * material.density / material.thickness())
     return min(steps)
@@ -471,6 +487,7 @@ class _Cloud:
         self.columns = np.zeros((0, 2), np.int32)  # of blocks along z that hold some: first record, and past the last
         self.starts: list[int] = []
         self.fullest = 0
+        self.least = 1.0  # J of a fluid where it is squeezed most
         self.ahead = np.zeros(3)  # half a step's change of velocity, from the last one's middle to its end
 
     def momentum(self) -> Array:
@@ -568,19 +585,19 @@ class Solver:
     def advance(self, duration: float) -> int:
         """Go on for so long [s], in as many steps as stability needs; returns how many.
 
-        ArithmeticError before the next step if anything is not finite, or so fast that it would be one of more than
-        100 000.
+        ArithmeticError before the next step if anything is not finite, or so fast, or so squeezed, that it would be one
+        of more than 100 000.
         """
         left, taken = duration, 0
         while left > 1e-9 * duration:
             if not self._fastest < _ENDLESS:
                 raise ArithmeticError(f"particles are not finite at t = {self.time:.6g} s")
-            speed = self._speed()
-            longest = longest_step(self.bodies, self.dx, 2 * speed + 1e-3)
+            speed, least = self._speed(), [cloud.least for cloud in self._clouds]
+            longest = longest_step(self.bodies, self.dx, 2 * speed + 1e-3, least)
             parts = max(1, math.ceil(left / longest))
             if taken + parts > _MOST_STEPS:
                 raise ArithmeticError(f"{taken + parts} steps in {duration:.3g} s from t = {self.time:.6g} s on, at "
-                                      f"{speed:.3g} m/s; allowed: {_MOST_STEPS}")  # fmt: skip
+                                      f"{speed:.3g} m/s and J = {min(least):.3g}; allowed: {_MOST_STEPS}")  # fmt: skip
             dt = left / parts
             before = [cloud.momentum() for cloud in self._clouds] if parts == 1 else []
             share = dt / (self._last + dt)  # of the change from the middle of the step before, what is still to come
@@ -621,8 +638,10 @@ class Solver:
             bearer.meet(grid, active, self._shape, self._corner * self.dx, self.dx, self._real)
         fastest = 0.0
         for cloud, numbers in zip(self._clouds, given, strict=True):
-            gather = _gather_kernel(law(cloud.material, self._real), self._real, cloud.material.state)
+            fluid = isinstance(cloud.material, Newtonian)
+            gather = _gather_kernel(law(cloud.material, self._real), self._real, cloud.material.state, fluid)
             speed = gather(cloud.records, grid, numbers)
+            cloud.least = 1.0 + float(numbers[_LEAST])
             fastest = speed if not speed <= fastest else fastest
         self._fastest = float(fastest)
         for bearer in self.bearers:
@@ -632,8 +651,8 @@ class Solver:
         self.steps += 1
 
     def _numbers(self, dt: float) -> NDArray[Any]:
-        """Of each cloud, what the kernels of a step are given (clouds, 24)."""
-        given = np.zeros((len(self._clouds), _NOTHING + 1), self._type)
+        """Of each cloud, what the kernels of a step are given (clouds, 25)."""
+        given = np.zeros((len(self._clouds), _LEAST + 1), self._type)
         given[:, [_NY, _NZ, _CELLS]] = *self._shape[1:], 1 / self.dx
         given[:, _ORIGIN : _ORIGIN + 3] = self._corner * self.dx
         # velocities are those of the middle of a step, so that what falls freely falls exactly

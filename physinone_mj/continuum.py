@@ -51,8 +51,8 @@ class Material(Protocol):
         """The numbers that the law is called with, four at most."""
         ...
 
-    def stiffness(self) -> float:
-        """Modulus of a plane wave of pressure at rest [Pa]."""
+    def stiffness(self, stretch: float = 1.0, /) -> float:
+        """Modulus of a plane wave of pressure [Pa] at J, volume over that at rest, by which only a fluid's changes."""
         ...
 
     def thickness(self) -> float:
@@ -77,7 +77,7 @@ class _Solid:
         """μ, λ [Pa]."""
         return lame(self.young, self.poisson)
 
-    def stiffness(self) -> float:
+    def stiffness(self, _stretch: float = 1.0, /) -> float:
         """P-wave modulus λ + 2 μ [Pa]."""
         mu, lam = self.parameters()[:2]
         return lam + 2 * mu
@@ -203,9 +203,9 @@ class Newtonian:
         """μ [Pa s], κ [Pa]."""
         return self.viscosity, self.bulk
 
-    def stiffness(self) -> float:
-        """7 κ [Pa]."""
-        return 7 * self.bulk
+    def stiffness(self, stretch: float = 1.0, /) -> float:
+        """dτ/d ln J = κ (J + 6 J⁻⁶), at rest 7 κ [Pa]."""
+        return self.bulk * (stretch + 6 * stretch**-6)
 
     def thickness(self) -> float:
         """μ/2 [Pa s]."""
