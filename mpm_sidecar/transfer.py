@@ -512,6 +512,7 @@ class Solver:
     Raises:
         ValueError: no body, more particles than 2²⁶ of one, a cell that is not positive, a period that is not of whole
             cells.
+        RuntimeError: Taichi runs at the other precision; from any step, too, as it may be started anew meanwhile.
     """
 
     def __init__(
@@ -535,6 +536,7 @@ class Solver:
         self._clouds = [_Cloud(body, dx, self._type) for body in bodies]
         self._corner, self._shape = np.zeros(3, int), np.zeros(3, int)
         self._grid = np.zeros((0, 4), self._type)
+        self._same_precision()
         config = ti.lang.impl.current_cfg()
         self._threads = config.cpu_max_num_threads
         if atomic is None:
@@ -613,8 +615,16 @@ class Solver:
         low, high = self._low - 2 * self.dx, self._high + 2 * self.dx  # particles drift before they are sorted again
         return max([self._fastest, *(bearer.speed(low, high) for bearer in self.bearers)])
 
+    def _same_precision(self) -> None:
+        """RuntimeError unless the literals of kernels that are made now are of this precision."""
+        runs = ti.lang.impl.current_cfg().default_fp
+        if runs != self._real:
+            names = {ti.f32: "single", ti.f64: "double"}
+            raise RuntimeError(f"Taichi runs in {names[runs]} precision; allowed: {names[self._real]}, the solver's")
+
     def step(self, dt: float) -> None:
         """One step of a length [s]."""
+        self._same_precision()
         if self._drift + 2 * self._speed() * dt > 0.9 * self.dx:
             self._sort()
         grid, active = self._grid, self._active

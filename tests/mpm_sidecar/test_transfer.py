@@ -317,6 +317,29 @@ def test_more_particles_than_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) 
         solver.add(0, points[:1], (0, 0, 0))
 
 
+@pytest.mark.parametrize("double", [False, True])
+def test_precisions_are_not_mixed(double: bool) -> None:
+    """A solver is not made while Taichi runs at another precision, nor goes on when that was started meanwhile; when
+    its own is back, it does."""
+    one, other = (ti.f64, ti.f32) if double else (ti.f32, ti.f64)
+    names = ("single", "double") if double else ("double", "single")
+    told = f"Taichi runs in {names[0]} precision; allowed: {names[1]}, the solver's"
+    dx = 1 / 32
+    matter = body(Elastic(), cube((2, 2, 2), dx), dx)
+    taichi_at(other)
+    with pytest.raises(RuntimeError, match=told):
+        Solver([matter], dx, double=double)
+    taichi_at(one)
+    solver = Solver([matter], dx, double=double)
+    solver.step(1e-4)
+    taichi_at(other)
+    with pytest.raises(RuntimeError, match=told):
+        solver.advance(1e-4)
+    assert solver.steps == 1
+    taichi_at(one)
+    solver.step(1e-4)
+
+
 def test_what_runs_away_is_not_followed() -> None:
     """At 10⁷ m/s a millisecond would be millions of steps; told before the first of them, with the speed."""
     taichi_at(ti.f32)
