@@ -50,6 +50,8 @@ smooth walls, which take some motion, has 0.27/N (docs/mpm.md)."""
 _FINEST: Final = 1e6
 """Times as many cells as there are that somebody may be told to take. No number of them would do where steps are short
 because of what is thick beside a thin fluid: that shortens them with Δx², and the method's own stays what it is."""
+_OPENING: Final = 4096
+"""Particles of a jet that show where its opening is."""
 _SHUFFLED: Final = 48
 """Particles of a jet of which any may come first."""
 _SQUASHED: Final = {Elastic: 0.3, Plasticine: 0.3, Viscoplastic: 0.3, Granular: 0.01, Newtonian: 0.02}
@@ -106,9 +108,9 @@ class Medium:
 
     Raises:
         Refusal: what cannot be computed faithfully at this cell: R1 matter within a body or other matter, R7 too thin
-            a shape or a fluid, R9 squashed by its own weight, R10 too much work.
+            a shape, a jet or a fluid, R9 squashed by its own weight, R10 too many particles or too much work.
         KeyError: no such body or geom.
-        ValueError: no piece, two of one name, an inlet of none.
+        ValueError: no piece, two of one name, an inlet of none, a body of no solid geom.
     """
 
     def __init__(
@@ -139,22 +141,36 @@ class Medium:
                 print(f"compiling the kernels for {material} (once on this machine)", file=sys.stderr)
         self._place(data)
         for name, body in zip(names, bodies, strict=True):
-            for what, bearer in [*((m.with_, b) for m, b in zip(continuum.meetings, self.bearers, strict=True)),
-                                 *(("a wall", wall) for wall in walls)]:  # fmt: skip
-                deepest = min(float(obstacle.depth(body.points).min()) for obstacle in bearer.obstacles)
-                if deepest < -_DEEPEST * cell:
-                    raise Refusal("R1", f"{name!r} lies {-deepest:.3g} m deep in {what} at the start; allowed: "
-                                  f"{_DEEPEST * cell:.1g} m")  # fmt: skip
+            self._refuse_within(repr(name), body.points, walls)
+        met = [*self.bearers, *walls]
+        falling = np.where(np.isfinite(continuum.period), 0.0, self._gravity)
+        most = [len(body.points) for body in bodies]
+        for inlet in continuum.inlets:
+            _refuse_thin(inlet, cell)
+            number, count = _poured(inlet, names, bodies, duration)
+            most[number] += count
+        _refuse(names, bodies, most, falling, cell, duration,
+                _quickest(bodies, continuum.inlets, met, falling, duration))  # fmt: skip
         self._pourings = [
             _pouring(inlet, names, bodies, duration, np.random.default_rng([seed, len(names) + number]))
             for number, inlet in enumerate(continuum.inlets)
         ]
-        most = [len(b.points) + sum(len(p.times) for p in self._pourings if p.piece == i) for i, b in enumerate(bodies)]
-        _refuse(names, bodies, most, np.where(np.isfinite(continuum.period), 0.0, self._gravity), cell, duration)
-        self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=[*self.bearers, *walls],
+        for inlet, pouring in zip(continuum.inlets, self._pourings, strict=True):
+            if len(pouring.points):
+                self._refuse_within(f"a jet of {inlet.piece!r}", pouring.points[:_OPENING], walls)
+        self.solver = Solver(bodies, cell, gravity=self._gravity, bearers=met,
                              period=continuum.period, double=double, sparse=sparse)  # fmt: skip
         self.viscosities = [numerical_viscosity(body, cell, longest_step(bodies, cell)) for body in bodies]
         self.most, self.forces = most, np.zeros((model.nbody, 6))
+
+    def _refuse_within(self, name: str, points: Array, walls: Sequence[Bearer]) -> None:
+        """R1 if any of the points (n, 3) [m] lies in what matter meets."""
+        for what, bearer in [*((m.with_, b) for m, b in zip(self.continuum.meetings, self.bearers, strict=True)),
+                             *(("a wall", wall) for wall in walls)]:  # fmt: skip
+            deepest = min(float(obstacle.depth(points).min()) for obstacle in bearer.obstacles)
+            if deepest < -_DEEPEST * self.cell:
+                raise Refusal("R1", f"{name} lies {-deepest:.3g} m deep in {what} at the start; allowed: "
+                              f"{_DEEPEST * self.cell:.1g} m")  # fmt: skip
 
     def _place(self, data: Any) -> None:
         """Put the obstacles where their bodies are."""
@@ -235,7 +251,10 @@ class Medium:
 
 
 def _carried(model: Any, meeting: Meeting, cell: float) -> _Carried:
-    """The bearer of a meeting's body or geom; KeyError if there is none, Refusal if it has no shape to meet."""
+    """The bearer of a meeting's body or geom.
+
+    KeyError if there is none, ValueError if the body has no solid geom, Refusal if it has no shape to meet.
+    """
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, meeting.with_)
     geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, meeting.with_)
     if body >= 0:
@@ -245,6 +264,9 @@ def _carried(model: Any, meeting: Meeting, cell: float) -> _Carried:
         body, geoms = int(model.geom_bodyid[geom]), [geom]
     else:
         raise KeyError(f"no body or geom {meeting.with_!r} in the scene")
+    if not geoms:
+        raise ValueError(f"the body {meeting.with_!r} has no geom of a group below {IMMATERIAL}; allowed: a body that "
+                         f"has one, or a geom by its name")  # fmt: skip
     return _Carried(Bearer([_obstacle(model, g, meeting, cell) for g in geoms]), body, geoms)
 
 
@@ -265,20 +287,31 @@ def _obstacle(model: Any, geom: int, meeting: Meeting, cell: float) -> Obstacle:
                     corner=tuple(found.origin.tolist()), spacing=found.spacing)  # fmt: skip
 
 
+def _refuse_thin(inlet: Inlet, cell: float) -> None:
+    """R7 if a jet is thinner than a shape may be."""
+    wide = 2 * inlet.radius
+    if wide < sample.LEAST_CELLS * cell * (1 - 1e-9):
+        raise Refusal("R7", f"a jet of {inlet.piece!r} is {wide:.4g} m wide, {wide / cell:.3g} cells of {cell:.4g} m; "
+                      f"allowed: {sample.LEAST_CELLS} cells, a fidelity of {sample.LEAST_CELLS * cell / wide:.3g} "
+                      f"times as many would do")  # fmt: skip
+
+
+def _poured(inlet: Inlet, names: Sequence[str], bodies: Sequence[Body], duration: float) -> tuple[int, int]:
+    """To which piece an inlet adds, and how many particles; ValueError if to none."""
+    if inlet.piece not in names:
+        raise ValueError(f"piece = {inlet.piece!r} of an inlet; allowed: {', '.join(names)}")
+    number, speed = names.index(inlet.piece), float(np.linalg.norm(inlet.velocity))
+    lasts = max(min(inlet.stop, duration) - inlet.start, 0.0)
+    return number, round(math.pi * inlet.radius**2 * speed * lasts / bodies[number].volume)
+
+
 def _pouring(
     inlet: Inlet, names: Sequence[str], bodies: Sequence[Body], duration: float, rng: np.random.Generator
 ) -> _Pouring:
     """The jet of an inlet: a cylinder of matter, cut by the times at which its particles come through."""
-    if inlet.piece not in names:
-        raise ValueError(f"piece = {inlet.piece!r} of an inlet; allowed: {', '.join(names)}")
-    number, velocity = names.index(inlet.piece), np.array(inlet.velocity, float)
-    speed, volume = float(np.linalg.norm(velocity)), bodies[names.index(inlet.piece)].volume
-    lasts = min(inlet.stop, duration) - inlet.start
-    due = math.pi * inlet.radius**2 * speed * max(lasts, 0.0) / volume
-    if due > sample.MOST_PARTICLES:
-        raise Refusal("R10", f"an inlet pours {due:.3g} particles of {inlet.piece!r}; allowed: "
-                      f"{sample.MOST_PARTICLES:.3g}")  # fmt: skip
-    count = round(due)
+    number, count = _poured(inlet, names, bodies, duration)
+    velocity = np.array(inlet.velocity, float)
+    speed, lasts = float(np.linalg.norm(velocity)), min(inlet.stop, duration) - inlet.start
     # one after the other, and the additive recurrence of the plastic number's powers (M. Roberts, 2018) spreads any
     # that follow each other evenly over the round: however long and thin the jet is, a short piece of it is full
     phi = 1.324717957244746
@@ -300,9 +333,32 @@ def numerical_viscosity(body: Body, cell: float, step: float) -> float:
     return _VORTEX * body.material.density * cell**2 / step
 
 
+def _quickest(
+    bodies: Sequence[Body], inlets: Sequence[Inlet], met: Sequence[Bearer], gravity: Array, duration: float
+) -> float:
+    """Greatest speed that the start tells of [m/s]: of matter and jets at the end of their fall, to the first plane
+    below or as long as they are watched, and of what they meet."""
+    g = float(np.linalg.norm(gravity))
+    down = gravity / g if g else gravity
+    floors = [o for bearer in met for o in bearer.obstacles if o.shape == "plane" and o.turn[:, 2] @ down < 0]
+    begun = [(np.atleast_2d(body.velocity), body.points) for body in bodies]
+    begun += [(np.array([inlet.velocity], float), np.array([inlet.position], float)) for inlet in inlets]
+    found = []
+    for velocity, points in begun:
+        speed = float(np.linalg.norm(velocity, axis=1).max())
+        drops = [float(((points - o.centre) @ o.turn[:, 2]).max()) / -float(o.turn[:, 2] @ down) for o in floors]
+        drop = max(min(drops), 0.0) if drops else math.inf
+        found.append(min(math.sqrt(speed**2 + 2 * g * drop), speed + g * duration) if g else speed)
+    low = np.min([points.min(axis=0) for _, points in begun], axis=0)
+    high = np.max([points.max(axis=0) for _, points in begun], axis=0)
+    return max([*found, *(bearer.speed(low, high) for bearer in met)])
+
+
 def _refuse(
-    names: Sequence[str], bodies: Sequence[Body], most: Sequence[int], gravity: Array, cell: float, duration: float
-) -> None:
+    names: Sequence[str], bodies: Sequence[Body], most: Sequence[int], gravity: Array, cell: float, duration: float,
+    speed: float,
+) -> None:  # fmt: skip
+    """R9, R7 of a fluid and R10; most: particles that each will have; speed: the greatest that is expected [m/s]."""
     g = float(np.linalg.norm(gravity))
     for name, body in zip(names, bodies, strict=True):
         material = body.material
@@ -321,7 +377,11 @@ def _refuse(
             would = f", or {finer:.3g} times as many cells" if left < 1.001 * due else ""
             raise Refusal("R7", f"{name!r}: a dynamic viscosity of {due:.3g} Pa s, less than the method's own at "
                           f"cells of {cell:.3g} m; allowed: {own:.3g} Pa s{would}")  # fmt: skip
-    work = (sum(most) + _LEAST_COST) * duration / longest_step(bodies, cell, math.sqrt(2 * g * cell))
+    for name, count in zip(names, most, strict=True):
+        if count > sample.MOST_PARTICLES:
+            raise Refusal("R10", f"{name!r} takes {count:.3g} particles, with what is poured; allowed: "
+                          f"{sample.MOST_PARTICLES:.3g}")  # fmt: skip
+    work = (sum(most) + _LEAST_COST) * duration / longest_step(bodies, cell, speed)
     if work > _MOST_UPDATES:
-        raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m; allowed: {_MOST_UPDATES:.0e}, "
-                      f"cells {(work / _MOST_UPDATES) ** 0.25:.3g} times as large")  # fmt: skip
+        raise Refusal("R10", f"{work:.3g} particle updates at cells of {cell:.3g} m and {speed:.3g} m/s; allowed: "
+                      f"{_MOST_UPDATES:.0e}, cells {(work / _MOST_UPDATES) ** 0.25:.3g} times as large")  # fmt: skip

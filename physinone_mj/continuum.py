@@ -33,6 +33,13 @@ def _allow(what: Any, **ranges: tuple[float, float]) -> None:
             raise ValueError(f"{type(what).__name__}: {name} = {value}; allowed: {low:g} to {high:g}")
 
 
+def _finite(what: Any, name: str) -> None:
+    """ValueError unless the vector of that name is three finite numbers."""
+    value = getattr(what, name)
+    if np.shape(value) != (3,) or not np.isfinite(value).all():
+        raise ValueError(f"{type(what).__name__}: {name} = {value}; allowed: three finite numbers")
+
+
 class Material(Protocol):
     """A material: its density and the numbers of its law.
 
@@ -322,6 +329,7 @@ class Wall:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
+        _finite(self, "point")
         if not math.isclose(math.hypot(*self.normal), 1.0, rel_tol=1e-9) or not 0 <= self.friction < math.inf:
             raise ValueError(f"normal = {self.normal}, friction = {self.friction} of a wall; allowed: a unit vector, "
                              f"0 or more")  # fmt: skip
@@ -342,10 +350,9 @@ class Inlet:
     stop: float = math.inf
 
     def __post_init__(self) -> None:
+        _finite(self, "position")
         if not 0 < self.radius < math.inf or not 0 < math.hypot(*self.velocity) < math.inf:
             raise ValueError(f"radius = {self.radius} m, velocity = {self.velocity} of an inlet; allowed: positive")
-        if not np.isfinite(self.position).all():
-            raise ValueError(f"position = {self.position} of an inlet; allowed: finite numbers")
         if not 0 <= self.start < self.stop:
             raise ValueError(f"start = {self.start} s, stop = {self.stop} s of an inlet; allowed: 0 <= start < stop")
 
@@ -368,9 +375,9 @@ class Continuum:
     period: Vector = (math.inf, math.inf, math.inf)
 
     def __post_init__(self) -> None:
+        if self.gravity is not None:
+            _finite(self, "gravity")
         if not 0 <= self.ramp < math.inf:
-            raise ValueError(f"ramp = {self.ramp} s of a continuum; allowed: 0 or more")
-        if self.gravity is not None and not np.isfinite(self.gravity).all():
-            raise ValueError(f"gravity = {self.gravity} m/s² of a continuum; allowed: finite numbers")
+            raise ValueError(f"ramp = {self.ramp} s of a continuum; allowed: 0 or more, finite")
         if not all(length > 0 for length in self.period):
             raise ValueError(f"period = {self.period} m of a continuum; allowed: positive, or infinite")

@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 from mpm_sidecar import medium
+from mpm_sidecar.collide import Bearer, Obstacle
 from mpm_sidecar.transfer import Body
 from physinone_mj.base import Param, Phenomenon, Refusal
 from physinone_mj.constants import STANDARD_GRAVITY
@@ -18,8 +19,8 @@ from physinone_mj.contact import Surface
 from physinone_mj.continuum import Box, Continuum, Elastic, Granular, Inlet, Meeting, Newtonian, Piece, Wall
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
-from physinone_mj.scene import Scene, free_pose
-from physinone_mj.simulate import Stepper, build, compile, simulate
+from physinone_mj.scene import IMMATERIAL, Scene, free_pose
+from physinone_mj.simulate import Stepper, UnstableScene, build, compile, simulate
 
 WOOD = Surface(0.5, 0.1)
 
@@ -196,6 +197,10 @@ def test_an_inlet_pours_what_it_says() -> None:
     assert (np.hypot(poured[:, 0] - 0.3, poured[:, 1]) < 0.04).all()
 
 
+def poured(position: Any, velocity: Any, radius: float = 0.03) -> Continuum:
+    return Continuum([cube(Newtonian())], [FLOOR], inlets=[Inlet("cube", position, velocity, radius)])
+
+
 @pytest.mark.parametrize(
     ("continuum", "told"),
     [
@@ -208,6 +213,10 @@ def test_an_inlet_pours_what_it_says() -> None:
         (Continuum([cube(Newtonian(bulk=1e3))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.1"),
         (Continuum([cube(Granular(young=1e5))], [FLOOR]), "R9: 'cube': its own weight squashes it by 0.01"),
         (Continuum([cube(Elastic(young=1e12))], [FLOOR]), "R10: .* particle updates"),
+        (Continuum([cube(velocity=(3e5, 0.0, 0.0))], [FLOOR]), "R10: .* particle updates .* and 3e\\+05 m/s"),
+        (poured((0.3, 0.0, 0.4), (0.0, 0.0, -1.5), 0.01), "R7: a jet of 'cube' is 0.02 m wide, 1.6 cells"),
+        (poured((0.3, 0.0, -0.05), (0.0, 0.0, 1.5)), "R1: a jet of 'cube' lies 0.05 m deep in stage/floor"),
+        (poured((0.3, 0.0, 0.01), (0.0, 1.5, 0.0)), "R1: a jet of 'cube' lies 0.0199 m deep in stage/floor"),
     ],
 )
 def test_what_cannot_be_computed_is_refused(continuum: Continuum, told: str) -> None:
@@ -250,6 +259,65 @@ def test_a_first_run_says_that_it_compiles(monkeypatch: pytest.MonkeyPatch, caps
     assert told.err == "".join(
         f"compiling the kernels for {name} (once on this machine)\n" for name in ("Elastic", "Newtonian")
     )
+
+
+def test_a_jet_is_counted_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Millions of particles that would be refused afterwards took minutes."""
+    monkeypatch.setattr(medium, "_pouring", lambda *_: pytest.fail("made"))
+    with pytest.raises(Refusal, match=r"R10: 'cube' takes 2\.3.e\+07 particles, with what is poured"):
+        simulate(_still(poured((0.5, 0.0, 1.0), (0.0, 0.0, -100.0), 0.3)), fidelity=DRAFT)
+
+
+def test_the_greatest_speed_is_foreseen() -> None:
+    """√(v² + 2 g h) to the first plane below, of the highest of it or a jet; without one, v + g t; or what is met."""
+    body = Body(Elastic(), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]), 1e-6, (3.0, 0.0, 4.0))
+    jet = Inlet("lump", (0.0, 0.0, 5.0), (0.0, 0.0, -7.0), 0.1)
+    slope = math.sqrt(0.5)
+    floor, deeper, sheer, slide = (
+        Bearer([Obstacle.wall(Wall(point, normal))])
+        for point, normal in (((0, 0, 0.5), (0, 0, 1)), ((0, 0, -2), (0, 0, 1)), ((0, 0, 2.9), (1, 0, 0)),
+                              ((0, 0, 2.5), (slope, 0, slope)))
+    )  # fmt: skip
+    down = np.array([0.0, 0.0, -10.0])
+
+    def found(*met: Bearer, inlets: Any = (), gravity: Any = down, lasts: float = 9.0) -> float:
+        return medium._quickest([body], inlets, met, gravity, lasts)
+
+    assert found(floor) == pytest.approx(math.sqrt(25 + 2 * 10 * 2.5))
+    assert found(deeper, floor, sheer) == pytest.approx(math.sqrt(25 + 2 * 10 * 2.5))
+    assert found(deeper, slide) == pytest.approx(math.sqrt(25 + 2 * 10 * 0.5))
+    assert found(sheer) == pytest.approx(5 + 90)
+    assert found(floor, lasts=0.1) == pytest.approx(5 + 1)
+    assert found(floor, inlets=[jet]) == pytest.approx(math.sqrt(49 + 2 * 10 * 4.5))
+    assert found(floor, gravity=0 * down) == pytest.approx(5.0)
+    fast = Bearer([Obstacle("ball", (0.1,))], velocity=np.array([0.0, 60.0, 0.0]))
+    assert found(floor, fast) == pytest.approx(60.0)
+
+
+def test_what_runs_away_ends_the_run() -> None:
+    """As an unstable scene, at once."""
+    specimen = _still(Continuum([cube()], [FLOOR])).make()
+    with Stepper(compile(specimen, build(specimen), DRAFT)) as stepper:
+        solver = stepper.media[0].solver
+        solver._clouds[0].records[:, 4] = solver._fastest = 1e7
+        with pytest.raises(UnstableScene, match=r"steps in .* at 1e\+07 m/s"):
+            stepper.advance()
+
+
+def test_a_body_that_matter_cannot_meet_is_told() -> None:
+    """It has nothing solid."""
+
+    class Ghost(_Test, domain="mechanics"):
+        """Matter over a body that is only drawn"""
+
+        def build(self, scene: Scene) -> None:
+            ghost = scene.spec.worldbody.add_body(name="ghost")
+            ghost.add_geom(size=[0.1, 0.0, 0.0], group=IMMATERIAL, contype=0, conaffinity=0)
+            scene.continua.append(Continuum([cube()], [Meeting("ghost")]))
+            scene.resolve(time=0.1, length=0.1, duration=0.1)
+
+    with pytest.raises(ValueError, match="the body 'ghost' has no geom of a group below"):
+        simulate(Ghost, fidelity=DRAFT)
 
 
 @pytest.mark.parametrize(
