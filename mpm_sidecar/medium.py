@@ -110,7 +110,7 @@ class Medium:
         Refusal: what cannot be computed faithfully at this cell: R1 matter within a body or other matter, R7 too thin
             a shape, a jet or a fluid, R9 squashed by its own weight, R10 too many particles or too much work.
         KeyError: no such body or geom.
-        ValueError: no piece, two of one name, an inlet of none, a body of no solid geom.
+        ValueError: no piece, two of one name, an inlet of none, two meetings with one body, a body of no solid geom.
     """
 
     def __init__(
@@ -120,6 +120,9 @@ class Medium:
         names = [piece.name for piece in continuum.pieces]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"pieces {names} of a continuum; allowed: at least one, each of its own name")
+        others = [meeting.with_ for meeting in continuum.meetings]
+        if len(set(others)) < len(others):
+            raise ValueError(f"meetings with {others} of a continuum; allowed: one with each")
         self.cell, self.continuum, self._model = cell, continuum, model
         self._gravity = np.array((0, 0, -gravity) if continuum.gravity is None else continuum.gravity, float)
         self._driven = np.asarray(driven, int)

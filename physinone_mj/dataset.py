@@ -491,7 +491,7 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
                 piece.name: _read_cloud(get, piece.name, samples, frames if job.particles else 0)
                 for continuum in compiled.scene.continua for piece in continuum.pieces
             }  # fmt: skip
-            met = [meeting.with_ for continuum in compiled.scene.continua for meeting in continuum.meetings]
+            met = dict.fromkeys(m.with_ for continuum in compiled.scene.continua for m in continuum.meetings)
             pushed = {name: np.asarray(get(f"pushed/{i}", samples, 6), float) for i, name in enumerate(met)}
             times = get("breaks/time", None)
             welds, loads = (get(f"breaks/{key}", len(times)) for key in ("weld", "load"))

@@ -183,6 +183,9 @@ def build(specimen: Phenomenon) -> Scene:
 def compile(specimen: Phenomenon, scene: Scene, fidelity: Fidelity, engine: Engine = OURS) -> Compiled:
     """Derive from what is in the scene what it needs: steps, contacts, flags; refuse what cannot be resolved."""
     spec = scene.spec
+    pieces = [piece.name for continuum in scene.continua for piece in continuum.pieces]
+    if len(set(pieces)) < len(pieces):
+        raise ValueError(f"pieces {pieces} of a scene; allowed: each of its own name")
     frames = max(2, round(scene.duration * scene.fps))
     stride = max(OVERSAMPLING, math.ceil(8 / (scene.time * scene.fps)))
     sample = 1 / (scene.fps * stride)
@@ -626,9 +629,12 @@ class Film:
         for kept, sums in zip(self._sums, found, strict=True):
             for key, value in sums.items():
                 kept[key][sample] = value
+        taken: dict[str, Array] = {}
         for medium in self._media:
             for name, given in medium.pushed().items():
-                self._pushed[name][sample] = given
+                taken[name] = taken[name] + given if name in taken else given
+        for name, given in taken.items():
+            self._pushed[name][sample] = given
         if sample % self._stride == 0:
             frame = sample // self._stride
             seen = [particles for medium in self._media for particles in medium.particles()]

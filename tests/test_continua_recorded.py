@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 import json
 import math
@@ -12,11 +13,13 @@ import h5py
 import numpy as np
 import pytest
 
+from phenomena.p67_elastic_bounce import ElasticFall
 from physinone_mj.base import Verdict
-from physinone_mj.continuum import Elastic
+from physinone_mj.continuum import Box, Elastic, Piece, Plasticine
 from physinone_mj.dataset import Job, _versions, generate, reproduce, verify
 from physinone_mj.fidelity import DRAFT
 from physinone_mj.run import Run
+from physinone_mj.scene import Scene
 from tests.conftest import nominal
 
 
@@ -122,3 +125,54 @@ def test_without_particles(tmp_path: Path) -> None:
         assert "position" not in piece
         assert "centre" in piece
     assert verify(folder).problems == []
+
+
+@pytest.mark.parametrize("grids", [1, 2])
+def test_two_materials_in_one_scene(grids: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bar of rubber and a lump of clay beside it hit one floor, on one grid or each on its own: each is recorded by
+    its name and told by its law, the floor got what both lost; it verifies, and happens again to the last bit."""
+    alone = ElasticFall.build
+
+    def both(self: ElasticFall, scene: Scene) -> None:
+        alone(self, scene)
+        (continuum,) = scene.continua
+        (bar,) = continuum.pieces
+        half = self.size / 4
+        clay = Piece("clay", Plasticine(young=5e4, yield_stress=500.0), Box((half, half, half)),
+                     (self.size, 0.0, 1.2 * half), velocity=bar.velocity)  # fmt: skip
+        if grids == 1:
+            continuum.pieces.append(clay)
+        else:
+            scene.continua.append(dataclasses.replace(continuum, pieces=[clay]))
+
+    monkeypatch.setattr(ElasticFall, "build", both)
+    folder = made(tmp_path)
+    told = json.loads((folder / "properties.json").read_text())
+    assert {number: (piece["name"], piece["material"]) for number, piece in told.items()} == {
+        "1": ("bar", "Elastic"), "2": ("clay", "Plasticine"),
+    }  # fmt: skip
+    assert verify(folder).problems == []
+    assert reproduce(folder).problems == []
+    with h5py.File(folder / "physics.h5") as file:
+        bar, clay = file["continua/bar"], file["continua/clay"]
+        assert clay["mass"][0] == pytest.approx(1000.0 * 0.1**3, rel=1e-9)
+        assert bar["mass"][0] == pytest.approx(1000.0 * 0.1**2 * 0.4, rel=1e-9)
+        assert bar["dissipated"][-1] == 0.0
+        assert clay["dissipated"][-1] > 0.1 * clay["kinetic"][0]
+        assert list(file["pushed"]) == ["0"]
+        whole = bar["momentum"][:] + clay["momentum"][:] + file["pushed/0"][:, :3]
+        assert whole == pytest.approx(np.tile(whole[0], (len(whole), 1)), abs=1e-3 * abs(whole[0, 2]))
+        assert file["pushed/0"][-1, 2] < 0.9 * whole[0, 2]
+
+
+def test_pieces_of_one_name_cannot_be_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """On one grid or on two."""
+    alone = ElasticFall.build
+
+    def twice(self: ElasticFall, scene: Scene) -> None:
+        alone(self, scene)
+        scene.continua.append(scene.continua[0])
+
+    monkeypatch.setattr(ElasticFall, "build", twice)
+    with pytest.raises(ValueError, match=r"pieces \['bar', 'bar'\] of a scene; allowed: each of its own name"):
+        made(tmp_path)
