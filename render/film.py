@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -31,10 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 from render.egl import NoGL
 from render.encode import write_depth, write_rgb, write_segmentation
 from render.mirrors import Face
-from render.photoreal import Look, Studio
 from render.raster import Beam, Free, Raster, Still, Wire, geom_corners, moving_geoms
 from render.rig import FOV, NoClearView, Sphere, event_sphere, moving_view, static_views
 from render.surface import Particles
+
+if TYPE_CHECKING:
+    from render.photoreal import Look, Studio
 
 Array = NDArray[np.float64]
 Info = dict[str, str | bool]
@@ -367,7 +369,7 @@ def _draw(
 ) -> Info:  # fmt: skip
     with footage.raster(footage.size) as raster, _encoder() as encode:
         kind = Still if stills and raster.separable() else Free
-        studio = Studio(raster, footage.look) if footage.look else None
+        studio = _studio(raster, footage.look) if footage.look else None
         last = {number: shot for shot, (number, _) in enumerate(shots)}
         cameras: dict[int, Free] = {}
         posed = -1
@@ -394,6 +396,12 @@ def _draw(
                 del cameras[number]  # and its backgrounds
             report(1)
         return raster.info() | ({"photoreal": studio.info()} if studio else {})
+
+
+def _studio(raster: Raster, look: Look) -> Studio:
+    from render.photoreal import Studio  # what it needs of the physics takes each process as long as ten frames
+
+    return Studio(raster, look)
 
 
 @contextmanager
