@@ -8,6 +8,7 @@ import os
 import re
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -26,6 +27,17 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     # as many processes as cores run already: Taichi's threads would wait for one another's turns
     os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What long.txt names is slow, too; UsageError if it names what there is not, where all are collected."""
+    long = set((Path(__file__).parent / "long.txt").read_text().splitlines())
+    for item in items:
+        if item.nodeid in long:
+            item.add_marker(pytest.mark.slow)
+    stale = long - {item.nodeid for item in items}
+    if stale and config.args == config.getini("testpaths"):
+        raise pytest.UsageError(f"tests/long.txt names tests that there are not: {', '.join(sorted(stale))}")
 
 
 @pytest.hookimpl(optionalhook=True)

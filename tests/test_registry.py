@@ -174,6 +174,9 @@ def test_same_seed_same_bytes(index: int) -> None:
     again = run.again()
     for name in ("t", "qpos", "qvel"):
         assert getattr(run, name).tobytes() == getattr(again, name).tobytes()
+    assert bool(run.clouds) == (67 <= index <= 71)
+    for name, cloud in run.clouds.items():
+        assert cloud.position.tobytes() == again.clouds[name].position.tobytes()
 
 
 @each

@@ -130,7 +130,7 @@ def test_a_package_that_is_not_there_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arch", "whole"), [("x64", False), ("arm64", False), ("cuda", True)])
 def test_a_gpu_adds_up_in_whole_numbers(arch: str, whole: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its threads come in any order; a CPU need not."""
-    config = SimpleNamespace(arch=getattr(ti, arch), cpu_max_num_threads=1)
+    config = SimpleNamespace(arch=getattr(ti, arch), cpu_max_num_threads=1, default_fp=ti.f32)
     monkeypatch.setattr(ti.lang.impl, "current_cfg", lambda: config)
     assert (Solver([Body(Elastic(), np.zeros((1, 3)), 1.0)], 0.1)._fixed is not None) == whole
 
