@@ -673,6 +673,9 @@ class Solver:
         self.impacts: list[Impact] = []
         self.breaks: list[Break] = []
         self.eased: Counter[str] = Counter()
+        self.worked = 0.0
+        self._motored = np.zeros(model.nv, bool)
+        self._motored[[dof for dof, _ in joined.motors]] = True
         self._find_wholes(np.ones(len(self._bonds), bool))
 
     def _find_wholes(self, alive: NDArray[np.bool_]) -> None:
@@ -770,11 +773,21 @@ class Solver:
             self._solve(data, 1.0, impact=True)
         self._shifts = self._trend = np.empty(0)
         self._acceleration = None
+        self._work(data, 1.0)
         data.qvel += data.qacc
         data.qacc_warmstart[:] = warm
         pair = self._pair_of[data.contact.geom[:, 0], data.contact.geom[:, 1]]
         self._report(data, 1.0, data.contact.dist <= self._touch[pair])
         self._touch[:] = TOUCH
+
+    def _work(self, data: Any, dt: float) -> None:
+        """Add what the motors are about to do, their impulses times the mean of their joints' speeds before and after:
+        by that, and what the other forces' come to, the kinetic energy changes exactly."""
+        if self._motors:
+            rows = np.flatnonzero(data.efc_type == _FRICTION_DOF)
+            dofs = data.efc_id[rows]
+            speed = data.qvel[dofs] + 0.5 * dt * data.qacc[dofs]
+            self.worked += dt * float((data.efc_force[rows] * speed)[self._motored[dofs]].sum())
 
     def _report(self, data: Any, dt: float, met: NDArray[np.bool_]) -> None:
         for i in np.flatnonzero(met & (self._speed < -self._cut)):
@@ -895,6 +908,7 @@ class Solver:
         if crowded:
             self._report(data, dt, met)
         data.qacc[self._asleep] = 0.0
+        self._work(data, dt)
         data.qvel += dt * data.qacc
         self._acceleration = None
         if dt > self._step / 2 and not crowded:
@@ -985,11 +999,11 @@ class Solver:
     def remember(self) -> tuple[Any, ...]:
         """What the last step left for the next; to be recalled if that is tried again."""
         last = self._before, self._borne, self._acceleration, self._shifts, self._trend
-        return *last, len(self.impacts), len(self.breaks)
+        return *last, self.worked, len(self.impacts), len(self.breaks)
 
     def recall(self, memory: tuple[Any, ...]) -> None:
         """As it was when `remember` was called; bonds that have broken since stay broken."""
-        self._before, self._borne, self._acceleration, self._shifts, self._trend, impacts, _ = memory
+        self._before, self._borne, self._acceleration, self._shifts, self._trend, self.worked, impacts, _ = memory
         del self.impacts[impacts:]
 
     def _solve(self, data: Any, dt: float, *, impact: bool = False, crowded: bool = False) -> None:

@@ -403,6 +403,7 @@ def _recorded(run: Run) -> Iterator[tuple[str, Any, str, str]]:
         yield f"pushed/{number}", given, "N s, N m s", f"impulse and its moment that matter gave to {name} so far"
     yield "energy/kinetic", run.motion.kinetic, "J", ""
     yield "energy/potential", run.motion.potential, "J", "gravity, springs and conservative effects"
+    yield "energy/motors", run.worked, "J", "work of the motors so far"
     for name, seen in run.specimen.observables().items():
         yield f"observables/{name}", seen.measure(run.specimen, run), seen.unit, seen.about
     for beam in run.scene.beams:
@@ -482,6 +483,7 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
             t = np.asarray(get("time", samples), float)
             qpos = np.asarray(get("state/qpos", samples, model.nq), float)
             qvel = np.asarray(get("state/qvel", samples, model.nv), float)
+            worked = np.asarray(get("energy/motors", samples), float)
             c = {"time": get("contacts/time", None)}
             hits = len(c["time"])
             c |= {key: get(f"contacts/{key}", hits) for key in ("first", "second", "approach")}
@@ -513,7 +515,7 @@ def _read_run(folder: Path, job: Job, compiled: Compiled) -> Run:
         raise NotAScene(f"{path}: {why}") from None  # what h5py raises depends on where the file is broken
     return Run(
         specimen=job.specimen, fidelity=job.fidelity, seed=job.seed, scene=compiled.scene, model=model, t=t,
-        qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0,
+        qpos=qpos, qvel=qvel, stride=compiled.stride, impacts=impacts, step=compiled.step, seconds=0.0, worked=worked,
         again_with=repeater(job.specimen, job.fidelity, job.seed), breaks=breaks, cell=compiled.cell, clouds=clouds,
         pushed=pushed,
     )  # fmt: skip

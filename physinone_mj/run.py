@@ -92,7 +92,7 @@ class Run:
     """A simulated specimen.
 
     t: (T,) [s], uniform, starting at 0; qpos: (T, nq); qvel: (T, nv), in MuJoCo's order
-    stride: recorded samples per video frame
+    stride: recorded samples per video frame; worked: (T,), what the motors have done so far [J]
     eased: how many contact problems could not be solved as they were, by how they were eased (`contact.CONVEX`, ...)
     cell: side of a cell of a continuum's grid [m]; clouds: its pieces, by name; pushed: by body of the scene that its
     matter meets, (T, 6), the impulse and the angular impulse about the world's origin given to it so far [N s, N m s]
@@ -110,6 +110,7 @@ class Run:
     impacts: tuple[Impact, ...]
     step: float
     seconds: float
+    worked: Array
     again_with: Callable[..., Run] = field(repr=False)
     breaks: tuple[Break, ...] = ()
     eased: Mapping[str, int] = field(default_factory=dict)

@@ -443,6 +443,11 @@ class Stepper:
         return self._solver.breaks if self._solver else []
 
     @property
+    def worked(self) -> float:
+        """Work of the motors so far [J]."""
+        return self._solver.worked if self._solver else 0.0
+
+    @property
     def eased(self) -> dict[str, int]:
         """Contact problems so far that could not be solved as they were, by how they were eased."""
         return dict(self._solver.eased) if self._solver else {}
@@ -587,6 +592,7 @@ def simulate_specimen(
     compiled = compile(specimen, scene, fidelity, engine)
     model, count = compiled.model, compiled.samples
     qpos, qvel, t = np.empty((count, model.nq)), np.empty((count, model.nv)), np.empty(count)
+    worked = np.empty(count)
     begun = clock.process_time()
     with Stepper(compiled, boost, seed=seed) as stepper:
         data = stepper.data
@@ -594,7 +600,7 @@ def simulate_specimen(
         for i in range(count):
             if i:
                 stepper.advance()
-            t[i], qpos[i], qvel[i] = data.time, data.qpos, data.qvel
+            t[i], qpos[i], qvel[i], worked[i] = data.time, data.qpos, data.qvel, stepper.worked
             film.take(i)
             if i % compiled.stride == 0 or i == count - 1:
                 stepper.inspect()
@@ -604,7 +610,7 @@ def simulate_specimen(
         specimen=specimen, fidelity=fidelity, seed=seed, scene=scene, model=model, t=t, qpos=qpos, qvel=qvel,
         stride=compiled.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=compiled.step,
         seconds=clock.process_time() - begun, again_with=repeater(specimen, fidelity, seed, engine),
-        eased=stepper.eased, cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
+        worked=worked, eased=stepper.eased, cell=compiled.cell, clouds=film.clouds(), pushed=film.pushed(),
     )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ from typing import Any, Final, Literal, TypeAlias
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -46,7 +47,6 @@ from .effects import Buoyancy, Drag, Magnets
 from .fidelity import DRAFT, Fidelity
 from .registry import phenomenon
 from .run import Run
-from .scene import Scene
 from .simulate import UnstableScene, build, compile, simulate_specimen
 from .terminal import ENDLESS, figure, span
 
@@ -258,7 +258,7 @@ def _judged(what: Phenomenon, run: Run) -> Record:
             observable.measure(what, run)
     with _noting("caption"):
         what.caption(run)
-    unjudged, energy = work_done(run.scene), None
+    unjudged, energy = "matter has laws of its own" if run.scene.continua else None, None
     if unjudged is None:
         energy, allowed = gained(run), ENERGY[run.fidelity.rank]
         if not energy <= allowed:
@@ -308,28 +308,48 @@ def insane(run: Run) -> list[Record]:
     return found
 
 
-def work_done(scene: Scene) -> str | None:
-    """What may put energy into the scene of which no account is kept; None if nothing does.
+def given(run: Run) -> tuple[NDArray[np.float64], float]:
+    """Energy (T,) that motors, drives and winds have given so far, less what the winds' own potentials are counted for
+    [J]; and by how much the sums over samples may err: what they differ by from those over every other one.
 
-    What is let go (a cut, a bond that breaks) was held rigidly and stores nothing; springs and magnets are accounted.
+    Motors' work is recorded. What is let go (a cut, a bond that breaks) was held rigidly and stores nothing; springs
+    and magnets have potentials, drag only takes.
     """
-    for effect in scene.effects:
-        if not isinstance(effect, (Buoyancy, Drag, Magnets)):
-            return f"work of {type(effect).__name__}"
-    if any(speed for motor in scene.motors for _, speed in motor.course):
-        return "work of a motor"
-    if any(scene.control.values()):
-        return "work of a drive"
-    return "matter has laws of its own" if scene.continua else None
+    model, scene = run.model, run.scene
+    winds = [effect for effect in scene.effects if not isinstance(effect, (Buoyancy, Drag, Magnets))]
+    if not winds and not any(scene.control.values()):
+        return run.worked, 0.0
+    pushes, data = [wind.bind(model) for wind in winds], mujoco.MjData(model)
+    for name, value in scene.control.items():
+        data.ctrl[model.actuator(name).id] = value
+    power, counted = np.empty(len(run)), np.empty(len(run))
+    for i in range(len(run)):
+        data.time, data.qpos[:], data.qvel[:] = run.t[i], run.qpos[i], run.qvel[i]
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        data.xfrc_applied[:] = 0.0
+        for push in pushes:
+            push(data)
+        power[i] = data.qfrc_actuator @ data.qvel
+        velocity = np.concatenate([run.motion.velocity[i], run.motion.spin[i]], axis=1)
+        power[i] += np.sum(data.xfrc_applied * velocity)
+        counted[i] = sum(wind.potential(model, data) for wind in winds)
+    work = cumulative_trapezoid(power, run.t, initial=0)
+    coarse = cumulative_trapezoid(power[::2], run.t[::2], initial=0)
+    return run.worked + work + counted, float(np.abs(work[::2] - coarse).max())
 
 
 def gained(run: Run) -> float:
-    """By how much the energy ever rises above what it was before, over the largest that is at play: kinetic, the range
-    of the potential, or a lift of all that moves by a thousandth of the shortest length."""
+    """By how much the energy that nothing gives ever rises above what it was before, over the largest that is at play:
+    kinetic, the range of the potential, what is given, or a lift of all that moves by a thousandth of the shortest
+    length."""
     kinetic, potential = run.motion.kinetic, run.motion.potential
-    rise = np.max(kinetic + potential - np.minimum.accumulate(kinetic + potential))
+    taken, doubt = given(run)
+    own = kinetic + potential - taken
+    rise = np.max(own - np.minimum.accumulate(own)) - doubt
     lift = np.sum(run.model.body_mass[run.model.body_weldid != 0]) * run.scene.gravity * SLACK * run.scene.length
-    scale = max(float(kinetic.max()), float(np.ptp(potential)), float(lift))
+    scale = max(float(kinetic.max()), float(np.ptp(potential)), float(np.ptp(taken)), float(lift))
     return float(rise / scale) if rise > 0 else 0.0
 
 

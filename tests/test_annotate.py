@@ -56,7 +56,8 @@ def run_of(scene: Scene, qpos: Floats, *, stride: int = 1) -> Run:
     t = np.arange(len(qpos)) / (FPS * stride)
     return Run(
         specimen=SimpleNamespace(label="Made"), fidelity=DRAFT, seed=0, scene=scene, model=model, t=t, qpos=qpos,
-        qvel=np.zeros((len(qpos), model.nv)), stride=stride, impacts=(), step=0.001, seconds=0.0, again_with=again,
+        qvel=np.zeros((len(qpos), model.nv)), stride=stride, impacts=(), step=0.001, seconds=0.0,
+        worked=np.zeros(len(qpos)), again_with=again,
     )  # fmt: skip
 
 

@@ -63,9 +63,9 @@ def run(what: Scene, fidelity: Fidelity = DRAFT) -> Run:
         for i in range(ready.samples):
             if i:
                 stepper.advance()
-            states.append((stepper.data.time, stepper.data.qpos.copy(), stepper.data.qvel.copy()))
+            states.append((stepper.data.time, stepper.data.qpos.copy(), stepper.data.qvel.copy(), stepper.worked))
         stepper.inspect()
-    t, qpos, qvel = (np.array(x) for x in zip(*states, strict=True))
+    t, qpos, qvel, worked = (np.array(x) for x in zip(*states, strict=True))
 
     def again(**_: Any) -> Run:
         raise AssertionError
@@ -73,7 +73,7 @@ def run(what: Scene, fidelity: Fidelity = DRAFT) -> Run:
     return Run(
         specimen=ready.specimen, fidelity=fidelity, seed=0, scene=what, model=ready.model, t=t, qpos=qpos, qvel=qvel,
         stride=ready.stride, impacts=tuple(stepper.impacts), breaks=tuple(stepper.breaks), step=ready.step,
-        seconds=0.0, again_with=again,
+        seconds=0.0, worked=worked, again_with=again,
     )  # fmt: skip
 
 
@@ -169,6 +169,34 @@ def test_a_weak_motor_turns_with_its_greatest_torque_until_it_is_fast_enough() -
     assert np.abs(seen.joint_speed("wheel") - expected).max() < 1e-11
     late = seen.t > 0.45
     assert np.ptp(seen.joint("wheel")[late] - 2.0 * seen.t[late]) < 1e-12
+
+
+@pytest.mark.parametrize("force", [math.inf, 4.0])
+def test_the_work_of_a_motor_is_what_it_turns_into(force: float) -> None:
+    """½ I ω² of a wheel that it speeds up, all of which it takes back as it stops it; so does one that is too weak."""
+    inertia, fast = 2.0, 3.0
+    what = scene(duration=4.5)
+    jointed(what, "wheel", HINGE, (0, 0, 1), 1.0, inertia)
+    what.motors.append(Motor("wheel", ((0.0, 0.0), (1.0, fast), (2.5, fast), (2.6, 0.0)), force=force))
+    seen = run(what)
+    speed = seen.joint_speed("wheel")
+    assert seen.worked == pytest.approx(0.5 * inertia * speed**2, abs=1e-9)
+    assert seen.worked.max() == pytest.approx(0.5 * inertia * fast**2, rel=1e-9)
+    assert seen.worked[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_work_of_a_motor_lifts() -> None:
+    """m g l (1 - cos θ) of a pendulum, which it takes back as that sinks on the other side."""
+    length, mass, slow = 0.5, 2.0, 1.0
+    what = scene(duration=5.0)
+    arm = jointed(what, "arm", HINGE, (0, -1, 0), mass, 1e-3)
+    arm.ipos = (0, 0, -length)
+    what.speed["arm"] = slow
+    what.motors.append(Motor("arm", ((0.0, slow),)))
+    seen = run(what)
+    lifted = mass * g * length * (1 - np.cos(seen.joint("arm")))
+    assert np.ptp(lifted) == pytest.approx(2 * mass * g * length, rel=1e-3)
+    assert seen.worked == pytest.approx(lifted, abs=1e-4 * lifted.max())
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7])

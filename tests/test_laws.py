@@ -27,7 +27,7 @@ LAWS = [
 each_law = pytest.mark.parametrize(("index", "law"), LAWS)
 
 SHORT = {10, 23, 26, 33, 36, 39, 46, 47}
-"""Phenomena whose laws take seconds at standard fidelity: the others the suite holds at draft, the study at all three."""
+"""Whose laws take seconds at standard fidelity: those of others the suite holds at draft, the study at all three."""
 
 MATTER = {67, 68, 69, 70, 71}
 """Those whose twins take long at draft, too: the study tells lies about them, the suite those of `tests/phenomena`."""
@@ -48,11 +48,17 @@ def holds(index: int, law: Law, fidelity: Fidelity) -> None:
     verdict = law.judge(run.specimen, run)
     assert verdict.verdict == "passed", verdict
 
+
 LONGEST = {
-    (68, "a_column_stands_if_it_can_bear_its_own_weight"), (69, "it_fills_what_it_is_in"), (69, "viscosity_sets_the_clock"),
-    (70, "a_heap_stops_round"), (70, "a_mound_stops_where_it_is_thin_enough"), (71, "a_column_runs_out"),
-    (71, "a_deposit_is_no_steeper_than_a_slope"), (71, "weight_sets_the_clock_and_nothing_else"),
-}  # fmt: skip
+    (68, "a_column_stands_if_it_can_bear_its_own_weight"),
+    (69, "it_fills_what_it_is_in"),
+    (69, "viscosity_sets_the_clock"),
+    (70, "a_heap_stops_round"),
+    (70, "a_mound_stops_where_it_is_thin_enough"),
+    (71, "a_column_runs_out"),
+    (71, "a_deposit_is_no_steeper_than_a_slope"),
+    (71, "weight_sets_the_clock_and_nothing_else"),
+}
 """Laws that take long even at draft: the study holds them at all three."""
 
 each_law_at_draft = pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import itertools
 import json
@@ -22,12 +23,13 @@ from physinone_mj.__main__ import main, write_tables
 from physinone_mj.base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal, law, observable
 from physinone_mj.constants import STANDARD_GRAVITY as g
 from physinone_mj.contact import Surface
-from physinone_mj.effects import Magnets
 from physinone_mj.fidelity import DRAFT, STANDARD, Fidelity
 from physinone_mj.registry import phenomenon
 from physinone_mj.run import Run
-from physinone_mj.scene import Motor, Scene, free_pose
+from physinone_mj.scene import Scene, free_pose
 from physinone_mj.simulate import Stepper, simulate_specimen
+
+from .conftest import nominal
 
 RADIUS = 0.05
 
@@ -364,16 +366,24 @@ def test_nobody_waits_for_ever() -> None:
     assert "0.005 s" in record["line"]
 
 
-def test_whose_work_nobody_accounts_for() -> None:
-    scene = Scene()
-    assert stress.work_done(scene) is None
-    scene.motors.append(Motor("hinge", ((0.0, 0.0),)))
-    scene.effects.append(Magnets((), 0.01))
-    assert stress.work_done(scene) is None
-    scene.motors.append(Motor("hinge", ((0.0, 1.0),)))
-    assert stress.work_done(scene) == "work of a motor"
-    scene.effects.append(Fit(1.0))
-    assert stress.work_done(scene) == "work of Fit"
+@pytest.mark.parametrize(("index", "giver"), [(16, "motor"), (41, "motor"), (43, "drive"), (8, "wind")])
+def test_what_is_given_is_not_gained(index: int, giver: str) -> None:
+    """Nothing is gained but what motors, drives and winds give; who forgets one of them sees energy from nowhere, and
+    so does who looks at a motion that grows by itself while they work."""
+    run = nominal(index, DRAFT)
+    taken, doubt = stress.given(run)
+    assert np.ptp(taken) > 0.3 * run.motion.kinetic.max()
+    assert stress.gained(run) < 1e-3
+    other = copy.copy(run.scene)
+    if giver == "drive":
+        other.control = {}
+    if giver == "wind":
+        other.effects = []
+    worked = np.zeros(len(run)) if giver == "motor" else run.worked
+    assert stress.gained(dataclasses.replace(run, scene=other, worked=worked)) > 10 * stress.ENERGY[0]
+    faster = dataclasses.replace(run, qvel=run.qvel * (1 + 0.1 * run.t / run.t[-1])[:, None])
+    assert stress.gained(faster) > stress.ENERGY[0]
+    assert doubt < 5e-3 * np.ptp(taken)
 
 
 @pytest.mark.parametrize("sizes", [(2,) * 12, (2, 2, 3, 5, 2), (7, 2, 4, 3, 1, 2), (6, 5)])
