@@ -413,9 +413,10 @@ def table_so_far(file: Path | None) -> dict[str, Any]:
         table = json.loads(file.read_text(encoding="utf-8"))
     except ValueError:
         table = None
-    if not isinstance(table, dict) or not all(index.isdecimal() for index in table):
+    known = isinstance(table, dict) and all(i.isdecimal() and isinstance(entry, dict) for i, entry in table.items())
+    if not known:
         raise BadInput(f"--table {file}: not a table by index; allowed: one of this command's, or a new file")
-    return table
+    return dict(table)
 
 
 def write_tables(
@@ -543,7 +544,8 @@ def stress(
     ] = Path("out/stress.jsonl"),
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the tables as Markdown.")] = None,
     table_file: Annotated[
-        Path | None, typer.Option("--table", metavar="FILE", help="Update the table that `show` reads (JSON).")
+        Path | None,
+        typer.Option("--table", metavar="FILE", help="Update the table that `show` reads (JSON); frontiers are added."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -562,7 +564,7 @@ def stress(
     todo = [task for index in meant for task in tool.tasks(index, seed, latin, within, pushed)]
     with as_typed():
         read_journal(records)
-    table = tool.tabulate(tool.measure(todo, records))
+    table = tool.joined(before, tool.tabulate(tool.measure(todo, records)))
     write_tables(before, table, tool.page, table_file, report)
     if as_json:
         say_json(table)

@@ -43,7 +43,7 @@ from . import collision
 from .base import Choice, NotEvaluated, Param, ParameterError, Phenomenon, Refusal
 from .checks import journal
 from .effects import Buoyancy, Drag, Magnets
-from .fidelity import DRAFT, Fidelity
+from .fidelity import DRAFT, PRESETS, Fidelity
 from .registry import phenomenon
 from .run import Run
 from .simulate import UnstableScene, build, compile, simulate_specimen
@@ -671,6 +671,19 @@ def _table(cls: type[Phenomenon], records: Sequence[tuple[str, Record]]) -> dict
     }
 
 
+def joined(before: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table, with the frontiers that an earlier one has at other fidelities, of ranges that are still the same."""
+    found = copy.deepcopy(dict(table))
+    for index, entry in found.items():
+        earlier = before.get(index, {}).get("parameters", {})
+        for name, parameter in entry["parameters"].items():
+            known = earlier.get(name, {})
+            if all(known.get(key) == parameter[key] for key in ("unit", "low", "high")):
+                trusted = known.get("trusted", {}) | parameter["trusted"]
+                parameter["trusted"] = {p.name: trusted[p.name] for p in PRESETS if p.name in trusted}
+    return found
+
+
 def _as_expected(record: Record) -> bool:
     return bool(record["expected"] == (record.get("rule") or record["outcome"]))
 
@@ -700,9 +713,9 @@ def page(table: Mapping[str, Any]) -> str:
         f"Specimens are the corners of the declared ranges (of many, enough for every two ends of every two parameters "
         f"to meet), their edges and a Latin hypercube, at {usual} fidelity, unless another stands there. Refused are "
         "combinations that say so before they start; broken, unstable and crashed ones would be defects. The worst law "
-        "is the one with the largest error over its tolerance. Energy: its largest rise over the scene's; a dash where "
-        "work is done that nobody accounts for. Overlap: of two surfaces, at the times of pictures, over the smaller's "
-        "radius; a dash where no two bodies can touch; allowed: "
+        "is the one with the largest error over its tolerance. Energy: its largest rise over the scene's, less what "
+        "motors, drives and winds give; a dash for matter, whose own laws have it. Overlap: of two surfaces, at the "
+        "times of pictures, over the smaller's radius; a dash where no two bodies can touch; allowed: "
         f"{OVERLAP[1]:g} (at draft {OVERLAP[0]:g}), and in a crowd, where many impacts come at once, {CROWDED[1]:g} "
         f"({CROWDED[0]:g}).", "",
         "| phenomenon | specimens | " + " | ".join(OUTCOMES) + " | worst law | energy | overlap | in a crowd |",

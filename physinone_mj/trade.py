@@ -37,7 +37,10 @@ from .terminal import ENDLESS, error_figure, figure
 Record: TypeAlias = dict[str, Any]
 """What came of one specimen at one setting, as JSON values: see `climb`."""
 
-LADDER: Final = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in (32, 64, 128, 256, 512))
+BETWEEN: Final = 45, 91
+"""Steps of the settings that halve an octave, so that what is picked by tolerance costs little more than it must.
+Orders of convergence are those of whole octaves."""
+LADDER: Final = tuple(Fidelity(f"{n} steps", n, 8, 4) for n in sorted((32, 64, 128, 256, 512, *BETWEEN)))
 GRIDS: Final = tuple(Fidelity(f"{cells} cells", steps, cells, 4) for steps, cells in ((64, 8), (128, 12), (256, 16)))
 """For matter; its cells cost the fourth power."""
 SPECIMENS: Final = 8
@@ -49,7 +52,7 @@ STUDIED: Final = (64,)
 FLOOR: Final = 1e-11
 """Relative error of round-off: less is not to be had."""
 GAIN: Final = 0.7
-"""An error that is not smaller than this, over that of the setting before, has stopped shrinking."""
+"""An error that is not smaller than this, over that of half as fine a setting, has stopped shrinking."""
 SLOWER: Final = 0.3
 """By which a law's order of convergence may fall short of the integrator's."""
 _SHRINKS: Final = 1.2
@@ -175,7 +178,8 @@ def climb(rung: Rung) -> list[Record]:
 
 def _stopped(records: Sequence[Record]) -> bool:
     """Whether no law's error shrinks any more: twice in a row, or it is that of round-off."""
-    apart = {(record["step"], record["cells"]): record["errors"] for record in records if record["outcome"] == "done"}
+    whole = (record for record in records if record["outcome"] == "done" and record["steps"] not in BETWEEN)
+    apart = {(record["step"], record["cells"]): record["errors"] for record in whole}
     done = list(apart.values())[-3:]
     if len(done) < 2:
         return False
@@ -276,7 +280,7 @@ def _table(index: int, records: Sequence[Record]) -> dict[str, Any]:
             "laws": worst,
         })  # fmt: skip
     grid = ladder(phenomenon(index)) is GRIDS
-    done = [r for r in nominal if r["outcome"] == "done"]
+    done = [r for r in nominal if r["outcome"] == "done" and r["steps"] not in BETWEEN]
     fineness = [float(r["cells"]) if grid else 1 / r["step"] for r in done]
     orders = {}
     for law in laws:

@@ -554,7 +554,10 @@ def test_the_command(
     records, report, table = (tmp_path / name for name in ("records.jsonl", "stability.md", "stability.json"))
     common = ["stress", "0", "--fidelity", "draft", "--latin", "2", "--records", str(records)]
     earlier = {"46": fidelity.measured("stability")["46"]}
-    table.write_text(json.dumps(earlier | {"0": "to be replaced"}), encoding="utf-8")
+    old = {"low": 0.25, "low_ended": "broken", "high": 3.0, "high_ended": "broken"}
+    height = {"unit": "m", "low": 0.5, "high": 2.0, "trusted": {"reference": old, "standard": old, "draft": old}}
+    other = {"parameters": {"height": height, "mass": height, "gone": height}, "wrong": ["to be replaced"]}
+    table.write_text(json.dumps(earlier | {"0": other}), encoding="utf-8")
     assert main([*common, "--report", str(report), "--table", str(table), "--json"]) == 0
     said = json.loads(capfd.readouterr().out)
     kept = json.loads(table.read_text(encoding="utf-8"))
@@ -564,7 +567,10 @@ def test_the_command(
     assert entry["outcomes"]["sound"] == entry["specimens"] == len([t for t in listed if t[0] == "specimen"])
     assert entry["wrong"] == []
     assert entry["eased"] == {}
+    assert set(entry["parameters"]["mass"]["trusted"]) == {"draft"}, "another range was pushed at the others"
     trusted = entry["parameters"]["height"]["trusted"]
+    assert list(trusted) == ["draft", "standard", "reference"]
+    assert trusted["standard"] == trusted["reference"] == old
     assert trusted["draft"] == {
         "low": 0.5 / 8, "low_ended": "holds as far as it was pushed", "high": 8.0, "high_ended": "refused R12",
     }  # fmt: skip
@@ -615,7 +621,7 @@ def test_bad_input_is_one_line(arguments: tuple[str, ...], part: str, capfd: pyt
     assert part in said.err
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"pendulum": {}}'])
+@pytest.mark.parametrize("content", ["{", "[]", '{"pendulum": {}}', '{"46": 0}'])
 def test_what_is_no_table_is_not_replaced(content: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "table.json"
     table.write_text(content, encoding="utf-8")

